@@ -10,6 +10,22 @@ const NEGLIGIBLE: f64 = 1e-9;
 /// f(x) − f(0) is seen at `places`: columns B, one entry a place, such that B·(independent draws of unit
 /// variance) is f(x) − f(0). No places, no columns.
 pub fn smooth_function(places: &[f64], sigma: f64, length: f64) -> Vec<Vec<f64>> {
+    let bell = bell(length);
+    columns(places, |u, v| sigma * sigma * (bell(u - v) - bell(u) - bell(v) + 1.0))
+}
+
+/// The same of f(x) itself.
+pub fn stationary_function(places: &[f64], sigma: f64, length: f64) -> Vec<Vec<f64>> {
+    let bell = bell(length);
+    columns(places, |u, v| sigma * sigma * bell(u - v))
+}
+
+fn bell(length: f64) -> impl Fn(f64) -> f64 {
+    move |d| (-0.5 * (d / length).powi(2)).exp()
+}
+
+/// Columns B with B·Bᵀ = the covariance of the values at `places`.
+fn columns(places: &[f64], covariance: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
     let mut nodes = places.to_vec();
     nodes.sort_by(f64::total_cmp);
     nodes.dedup();
@@ -17,11 +33,7 @@ pub fn smooth_function(places: &[f64], sigma: f64, length: f64) -> Vec<Vec<f64>>
     if nodes.is_empty() {
         return Vec::new();
     }
-    let bell = |d: f64| (-0.5 * (d / length).powi(2)).exp();
-    let kernel = Mat::from_fn(nodes.len(), nodes.len(), |i, j| {
-        let (u, v) = (nodes[i], nodes[j]);
-        sigma * sigma * (bell(u - v) - bell(u) - bell(v) + 1.0)
-    });
+    let kernel = Mat::from_fn(nodes.len(), nodes.len(), |i, j| covariance(nodes[i], nodes[j]));
     let Ok(eigen) = kernel.self_adjoint_eigen(Side::Lower) else { return Vec::new() };
     let values = eigen.S().column_vector();
     let largest = values.iter().copied().fold(0.0, f64::max);

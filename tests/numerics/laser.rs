@@ -180,3 +180,38 @@ fn what_the_model_does_not_hold_scatters_as_its_line_of_the_budget_says() {
         assert!((low..high).contains(&ratio), "{}: {ratio}", source.2);
     }
 }
+
+/// Two to six waves over the range, and none, of the same sensor: its line of the budget is what that changes.
+#[test]
+fn the_linearity_error_scatters_as_its_line_of_the_budget_says() {
+    const FULL: u64 = 40;
+    let worlds = population(FULL);
+    let (low, high) = ratio_bounds(worlds, FULL, (0.75, 1.25));
+    let file = |is_straight: bool, seed: u64| {
+        let change = |text: String| {
+            let text = text.replacen("linearity_um = 0.5", "linearity_um = 1.5", 1);
+            let keys = if is_straight { "linearity = []\n" } else { "" };
+            text.replacen("zero_offset_um = [210.0", &format!("{keys}zero_offset_um = [210.0"), 1)
+        };
+        machine(seed, change, "")
+    };
+    let straight = in_parallel(worlds, |seed| estimate(&file(true, 300 + seed)));
+    let curved = in_parallel(worlds, |seed| estimate(&file(false, 300 + seed)));
+    let (mut sum, mut seen) = (0.0, 0.0);
+    for (number, parameter) in curved[0].parameters.iter().enumerate() {
+        let line = parameter.budget.iter().find(|line| line.source == "linearity of the sensor");
+        let predicted = line.map_or(0.0, |line| line.u);
+        if predicted > 0.2 * parameter.u {
+            let value = |estimate: &Estimate| estimate.parameters[number].value;
+            let pairs = curved.iter().zip(&straight);
+            let square = pairs.map(|(on, off)| (value(on) - value(off)).powi(2)).sum::<f64>();
+            let ratio = (square / worlds as f64).sqrt() / predicted;
+            println!("{}: {ratio:.2}, u {predicted:.5}", parameter.symbol);
+            sum += ratio * ratio;
+            seen += 1.0;
+        }
+    }
+    let ratio = (sum / seen).sqrt();
+    println!("{ratio:.3}, within [{low:.3}, {high:.3}]");
+    assert!((low..high).contains(&ratio), "{ratio}");
+}

@@ -18,7 +18,7 @@ use trued::setup::{self, MachineFile};
 use crate::support::plan_player;
 use estimation::monte_carlo::{Random, Shape};
 use estimation::random::stream;
-use testing::population::{is_full, population};
+use testing::population::{is_full, population, ratio_bounds};
 
 /// Key of the stream that chooses the missing samples.
 const MISSING: u64 = 0x6d70;
@@ -394,4 +394,50 @@ fn what_a_layout_loses_is_refused_with_a_better_one() {
     let (method, header) = setup::header(&file, "multiprobe", None).unwrap();
     let refused = methods::nominal(method.as_ref(), header).unwrap_err();
     assert!(refused.why.contains("opposed") && refused.instead.contains("move y1"), "{refused:?}");
+}
+
+/// The machine with sensors whose curve is not straight, as declared; or is, though declared the same.
+fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
+    let mut table: Table = machine(seed, &small()).text().parse().unwrap();
+    for sensor in table["sensor"].as_array_mut().unwrap() {
+        sensor.as_table_mut().unwrap().insert("linearity_um".to_owned(), 0.3.into());
+    }
+    let file = MachineFile::parse("curved.toml", toml::to_string(&table).unwrap()).unwrap();
+    let (method, header) = setup::header(&file, "multiprobe", None).unwrap();
+    let mut truth: Table = true_machine(&file, seed).text().parse().unwrap();
+    if !is_curved {
+        for sensor in truth["simulated"]["sensor"].as_array_mut().unwrap() {
+            let straight = Value::Array(Vec::new());
+            sensor.as_table_mut().unwrap().insert("linearity".to_owned(), straight);
+        }
+    }
+    let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
+    let (plan, readings) =
+        plan_player::measure(&mut setup::world(&truth).unwrap(), method.as_ref(), header);
+    method.identify(&plan, &readings, &[]).unwrap()
+}
+
+#[test]
+fn the_linearity_error_scatters_as_its_line_of_the_budget_says() {
+    let seeds = population(40);
+    let (low, high) = ratio_bounds(seeds, 40, (0.6, 1.2));
+    let squares = |seed: u64| {
+        let [curved, straight] = [true, false].map(|is| with_curved_sensors(seed, is));
+        let (mut sum, mut count) = (0.0, 0.0);
+        for (on, off) in curved.parameters.iter().zip(&straight.parameters) {
+            let line = on.budget.iter().find(|line| line.source == "linearity of the sensors");
+            let u = line.map_or(0.0, |line| line.u);
+            let is_coefficient = on.symbol.contains("_c") || on.symbol.contains("_s");
+            if is_coefficient && u > 0.2 * on.u {
+                sum += ((on.value - off.value) / u).powi(2);
+                count += 1.0;
+            }
+        }
+        (sum, count)
+    };
+    let all: Vec<(f64, f64)> = (0..seeds).into_par_iter().map(squares).collect();
+    let sum = |of: fn(&(f64, f64)) -> f64| all.iter().map(of).sum::<f64>();
+    let (ratio, count) = ((sum(|s| s.0) / sum(|s| s.1)).sqrt(), sum(|s| s.1));
+    println!("{ratio:.3} of {count} coefficients, within [{low:.3}, {high:.3}]");
+    assert!((low..high).contains(&ratio), "{ratio}");
 }

@@ -17,6 +17,16 @@ pub struct RowRevolutions {
     pub revolutions: Vec<Vec<f64>>,
 }
 
+impl RowRevolutions {
+    /// Mean of the revolutions at each angle.
+    pub fn mean(&self) -> Vec<f64> {
+        let angles = self.revolutions.first().map_or(0, Vec::len);
+        let count = self.revolutions.len() as f64;
+        let at = |i: usize| self.revolutions.iter().map(|values| values[i]).sum::<f64>() / count;
+        (0..angles).map(at).collect()
+    }
+}
+
 /// Revolutions of a channel that cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error(

@@ -117,6 +117,17 @@ impl HarmonicData {
         means.iter().map(|m| m.re).chain(means.iter().map(|m| -m.im)).collect()
     }
 
+    /// Observations of all harmonics, of one revolution a row: rows × angles.
+    pub fn observations_of(&self, revolutions: &[Vec<f64>]) -> Vec<f64> {
+        let basis = HarmonicBasis::new(revolutions.first().map_or(0, Vec::len), self.orders());
+        let all: Vec<Vec<c64>> = revolutions.iter().map(|of| basis.harmonics(of)).collect();
+        let parts = |k: usize| {
+            let of = |part: fn(&c64) -> f64| all.iter().map(move |row| part(&row[k]));
+            of(|m| m.re).chain(of(|m| -m.im)).collect::<Vec<f64>>()
+        };
+        (0..self.orders()).flat_map(parts).collect()
+    }
+
     /// Standard uncertainty of each observation of the harmonic, mm.
     pub fn sigma_mm(&self, order: usize) -> Vec<f64> {
         let covariance = &self.scatters[order - 1].covariance;

@@ -5,7 +5,7 @@
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-use estimation::smooth::smooth_function;
+use estimation::smooth::{smooth_function, stationary_function};
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, Shape};
 use machine::record::plan::Plan;
@@ -71,12 +71,20 @@ pub fn azimuth_patterns(size_mm: f64, normals: &[Vector3<f64>]) -> Vec<Vec<f64>>
     LOBING_ORDERS.flat_map(|order| [0.0, 0.25].map(|turns| pattern(order, turns))).collect()
 }
 
-/// Linearity error of a sensor: a smooth random function of its `readings`, mm, that changes over `length_mm`.
-/// Readings within a hundredth of that have the same error.
-pub fn linearity_patterns(sensor: &Sensor, readings: &[f64], length_mm: f64) -> Vec<Vec<f64>> {
+/// Correlation length of a sensor's linearity error, as a part of its range. Two to six waves over the range have 0.04
+/// where the slope at one reading counts (r-test), 0.025 where the readings span a part of a wave (laser R-test).
+const LINEARITY_LENGTH: f64 = 0.032;
+
+/// Linearity error of a sensor: a smooth random function of its `readings`, mm. Readings within a hundredth of its
+/// correlation length have the same error.
+pub fn linearity_patterns(sensor: &Sensor, readings: &[f64]) -> Vec<Vec<f64>> {
+    if sensor.linearity_um == 0.0 {
+        return Vec::new();
+    }
+    let length_mm = LINEARITY_LENGTH * (sensor.range_mm[1] - sensor.range_mm[0]);
     let per_mm = 100.0 / length_mm;
     let readings: Vec<f64> = readings.iter().map(|mm| (mm * per_mm).round() / per_mm).collect();
-    smooth_function(&readings, sensor.linearity_um * 1e-3, length_mm)
+    stationary_function(&readings, sensor.linearity_um * 1e-3, length_mm)
 }
 
 /// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random

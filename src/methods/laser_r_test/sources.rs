@@ -16,9 +16,6 @@ use machine::frame::unit_vector;
 use machine::record::plan::{Step, StepKind};
 use machine::{Position, frame::Point};
 
-/// Correlation length of the sensor's linearity error, as a part of its range.
-const LINEARITY_LENGTH: f64 = 0.25;
-
 /// The dwell points, at the fitted centres and beam.
 struct DwellPoints<'a> {
     bench: &'a Bench<'a>,
@@ -100,9 +97,7 @@ impl DwellPoints<'_> {
     /// The sensor's linearity error: a smooth random function of the reading.
     fn linearity(&self) -> UncertaintySource {
         let readings: Vec<f64> = self.grouped.spots.iter().map(|spot| spot.value).collect();
-        let [least, most] = self.bench.sensor.range_mm;
-        let length_mm = LINEARITY_LENGTH * (most - least);
-        let patterns = declared::linearity_patterns(&self.bench.sensor, &readings, length_mm);
+        let patterns = declared::linearity_patterns(&self.bench.sensor, &readings);
         let columns =
             patterns.iter().map(|p| p.iter().zip(&self.along).map(|(p, a)| p * a).collect());
         UncertaintySource::new("linearity of the sensor", Effect::Joint(columns.collect()))

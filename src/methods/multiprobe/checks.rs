@@ -84,14 +84,12 @@ fn coinciding(layout: &ProbeLayout, first: &Channel, second: &Channel) -> Refuse
     };
     let place =
         better.map_or_else(String::new, |deg| format!(": {deg:.0}° has the least noise gain"));
-    Refused {
-        why: format!(
-            "the sensors {} ({a:.1}°) and {} ({b:.1}°) coincide or are opposed: they do not \
-             separate the motion from the artefact",
-            first.name, second.name
-        ),
-        instead: format!("move {}{place}", second.name),
-    }
+    let why = format!(
+        "the sensors {} ({a:.1}°) and {} ({b:.1}°) coincide or are opposed: they do not separate the motion from the \
+         artefact",
+        first.name, second.name
+    );
+    Refused::new(why, format!("move {}{place}", second.name))
 }
 
 /// Refuses a layout that loses one of the `orders` of an error motion. The co-rotating first harmonic is
@@ -116,16 +114,12 @@ pub fn check_orders(
         || "add a sensor, or ask for fewer harmonics".to_owned(),
         |count| format!("index the artefact in {count} steps of {:.2}°", 360.0 / count as f64),
     );
-    Err(Refused {
-        why: format!(
-            "{} sensors with {indexes} indexes suppress {} harmonics of the error motions, first \
-             {} harmonic {order}",
-            layout.channels.len(),
-            lost.len(),
-            component.symbol()
-        ),
-        instead,
-    })
+    let (sensors, lost, symbol) = (layout.channels.len(), lost.len(), component.symbol());
+    let why = format!(
+        "{sensors} sensors with {indexes} indexes suppress {lost} harmonics of the error motions, first {symbol} \
+         harmonic {order}"
+    );
+    Err(Refused::new(why, instead))
 }
 
 fn lost_orders(

@@ -7,13 +7,13 @@ use super::outputs::ReportedMotions;
 use super::revolutions::revolution_values;
 use super::settings::{Settings, TurnSampling};
 use super::setup::Setup;
-use super::sources::SourceSizes;
+use super::sources::{SourceSizes, linearity};
 use super::{Separated, identify};
 use crate::identification::declared::drift_mm_per_s;
 use crate::identification::{MisfitAdvice, TrialPlan};
 use crate::{IdentifyError, Refused};
 use estimation::monte_carlo::Trials;
-use estimation::revolutions::{HarmonicData, ResampleFilter};
+use estimation::revolutions::{HarmonicData, ResampleFilter, RowRevolutions};
 
 use machine::record::estimate::{Estimate, FigureKind, Function, Unit};
 use machine::record::plan::Plan;
@@ -48,10 +48,9 @@ pub fn estimate(
     }
     let sizes = settings.source_sizes(drift_mm_per_s(plan), observed.revolution_s);
     let index_warning = check_rows(&setup, &sizes, &mut observed)?;
-    let data = HarmonicData::from_revolutions(&observed.rows, settings.harmonics)?;
     let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
-    let separated = identify(&setup.layout, &data, &sizes, settings.sampling, Some(trials))?;
+    let (_, separated) = separate(&setup, &observed.rows, &sizes, Some(trials))?;
     let mut estimate = separated.identification.estimate(super::NAME);
     // The ranges, which tolerances are stated for, come first.
     let nonlinear = separated.identification.outputs.nonlinear.as_ref();
@@ -75,6 +74,20 @@ pub fn estimate(
         not_identifiable: separated.not_identifiable,
         ..estimate
     })
+}
+
+/// `sizes`: without the linearity of the sensors, which depends on the rows.
+fn separate(
+    setup: &Setup<'_>,
+    rows: &[RowRevolutions],
+    sizes: &SourceSizes,
+    trials: Option<TrialPlan>,
+) -> Result<(HarmonicData, Separated), IdentifyError> {
+    let data = HarmonicData::from_revolutions(rows, setup.settings.harmonics)?;
+    let linearity = linearity(&setup.plan.sensors, rows, &data);
+    let sizes = SourceSizes { linearity, ..sizes.clone() };
+    let separated = identify(&setup.layout, &data, &sizes, setup.settings.sampling, trials)?;
+    Ok((data, separated))
 }
 
 /// Of the sensors of the first section, for each separation: standard uncertainty of a coefficient of EXC where
@@ -126,8 +139,7 @@ fn check_rows(
     sizes: &SourceSizes,
     observed: &mut Observed,
 ) -> Result<Option<String>, IdentifyError> {
-    let data = HarmonicData::from_revolutions(&observed.rows, setup.settings.harmonics)?;
-    let first = identify(&setup.layout, &data, sizes, setup.settings.sampling, None)?;
+    let (data, first) = separate(setup, &observed.rows, sizes, None)?;
     let dof = first.identification.figures.dof.max(1) as f64;
     let expected = first.identification.propagation.misfit.expected / dof;
     if let Some(fault) = swapped_channels(&setup.layout, &data, expected)? {

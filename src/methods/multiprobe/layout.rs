@@ -73,10 +73,8 @@ pub fn unit_noise_fit(
 ) -> Result<SeparationFit, Refused> {
     let means = vec![vec![c64::ZERO; rows.len()]; orders];
     let data = HarmonicData::declared(rows, means, 1.0, 2);
-    SeparationFit::new(layout, &data).map_err(|error| Refused {
-        why: error.to_string(),
-        instead: "correct angles and heights of the sensors".to_owned(),
-    })
+    let refused = |why: String| Refused::new(why, "correct angles and heights of the sensors");
+    SeparationFit::new(layout, &data).map_err(|error| refused(error.to_string()))
 }
 
 /// Positions of the third sensor in steps of `step_deg` outside the `exclusions`, those of least noise

@@ -114,10 +114,8 @@ fn identify(
     trials: Option<TrialPlan>,
 ) -> Result<Separated, IdentifyError> {
     checks::check_surfaces(layout, &data.rows)?;
-    if data.orders() == 0 {
-        let instead = "ask for at least one harmonic".to_owned();
-        return Err(Refused { why: "no harmonics to separate".to_owned(), instead }.into());
-    }
+    let has_harmonics = data.orders() > 0;
+    Refused::unless(has_harmonics, "no harmonics to separate", "ask for at least one harmonic")?;
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit, sizes.stage);
     // The values by ISO 230-7 and the roundness have their uncertainty from the trials.

@@ -82,10 +82,8 @@ fn stops(setup: &Setup<'_>, step: &Step) -> Stops {
 }
 
 fn duration_s(readings: &[&Reading]) -> f64 {
-    let times = readings.iter().map(|reading| reading.t_s);
-    let [first, last] =
-        times.fold([f64::MAX, f64::MIN], |[first, last], t| [first.min(t), last.max(t)]);
-    (last - first).max(0.0)
+    let times = || readings.iter().map(|reading| reading.t_s);
+    times().fold(f64::NEG_INFINITY, f64::max) - times().fold(f64::INFINITY, f64::min)
 }
 
 /// Of one scan, those that all its usable channels share.

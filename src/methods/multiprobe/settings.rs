@@ -132,13 +132,11 @@ impl Settings {
     fn check_rate(&self) -> Result<(), Refused> {
         let spacing_deg = self.feed_deg_min / 60.0 / self.rate_hz;
         let step_deg = 360.0 / self.positions.max(1) as f64;
-        if self.sampling == TurnSampling::Dwell || spacing_deg <= step_deg / 2.0 {
-            return Ok(());
-        }
-        Err(Refused {
-            why: format!("samples are {spacing_deg:.2}° apart, positions {step_deg:.2}°"),
-            instead: format!("choose feed_deg_min = {:.0} or less", step_deg * self.rate_hz * 30.0),
-        })
+        Refused::unless(
+            self.sampling == TurnSampling::Dwell || spacing_deg <= step_deg / 2.0,
+            format!("samples are {spacing_deg:.2}° apart, positions {step_deg:.2}°"),
+            format!("choose feed_deg_min = {:.0} or less", step_deg * self.rate_hz * 30.0),
+        )
     }
 
     /// `drift_mm_per_s`: of the artefact against the sensors.
@@ -157,6 +155,7 @@ impl Settings {
             index_angle_rad: self.u_index_angle_deg.to_radians(),
             stage: self.u_stage_um.map_or(StageEccentricity::NotDeclared, stage),
             drift_mm_per_revolution: net,
+            linearity: Vec::new(),
         }
     }
 }

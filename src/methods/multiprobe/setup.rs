@@ -115,18 +115,18 @@ fn stands(plan: &Plan, settings: &Settings, table: &TableAxis) -> Result<Positio
     let linear = plan.machine.axes.keys().filter(|axis| axis.is_linear());
     let missing = linear.into_iter().find(|axis| settings.at.get(**axis).is_none());
     match (stray, missing) {
-        (Some((axis, _)), _) => Err(Refused {
-            why: format!("`at` names {axis}, the axis that is measured"),
-            instead: format!("take {axis} out of `at`"),
-        }),
-        (None, Some(axis)) => Err(Refused {
-            why: format!("`at` does not name {axis}"),
-            instead: format!(
+        (Some((axis, _)), _) => Err(Refused::new(
+            format!("`at` names {axis}, the axis that is measured"),
+            format!("take {axis} out of `at`"),
+        )),
+        (None, Some(axis)) => Err(Refused::new(
+            format!("`at` does not name {axis}"),
+            format!(
                 "move the machine to where the sensors look at the sections, and state {axis} of the \
                  display in [method.{}] at",
                 super::NAME
             ),
-        }),
+        )),
         (None, None) => {
             let zero = table.zero.only(|axis| axis != Axis::S);
             Ok(zero.updated_by(&settings.at))

@@ -167,26 +167,18 @@ impl Turn {
         let [low, high] = spec.multiples_within(step_deg);
         let first = if low <= -lead && whole + lead <= high { -lead } else { low };
         let last = first + whole + 2 * lead;
-        if last <= high {
-            return Ok(Self { first, last });
-        }
-        let most = (high - low - 2 * lead).max(0) / settings.positions as i64;
-        Err(Refused {
-            why: format!(
-                "{} revolutions of {} and {:.0}° before and after them do not fit its limits, {}° to {}°",
-                settings.revolutions,
-                setup.axis,
-                lead as f64 * step_deg,
-                spec.min,
-                spec.max
-            ),
-            instead: match most {
-                0 => {
-                    format!("widen the limits in [axes.{}], if the axis turns farther", setup.axis)
-                }
-                most => format!("choose revolutions = {most}"),
-            },
-        })
+        let (axis, revolutions) = (setup.axis, settings.revolutions);
+        let instead = match (high - low - 2 * lead).max(0) / settings.positions as i64 {
+            0 => format!("widen the limits in [axes.{axis}], if the axis turns farther"),
+            most => format!("choose revolutions = {most}"),
+        };
+        let (lead_deg, min, max) = (lead as f64 * step_deg, spec.min, spec.max);
+        let why = format!(
+            "{revolutions} revolutions of {axis} and {lead_deg:.0}° before and after them do not fit its limits, \
+             {min}° to {max}°"
+        );
+        Refused::unless(last <= high, why, instead)?;
+        Ok(Self { first, last })
     }
 
     fn start_deg(&self, setup: &Setup<'_>) -> f64 {

@@ -15,9 +15,6 @@ use machine::Axis;
 
 /// Assumed standard deviation of one sample where none is declared, mm; the residuals rescale it.
 const UNDECLARED_NOISE_MM: f64 = 1e-4;
-/// Correlation length of a sensor's linearity error, as a part of its range: short, as the sensors use a small part of
-/// it and the slope there counts.
-const LINEARITY_LENGTH: f64 = 0.04;
 /// No observation has more weight than one of this standard uncertainty, mm.
 const MIN_U_MM: f64 = 1e-6;
 
@@ -113,9 +110,8 @@ impl SourceList<'_> {
         for (number, sensor) in self.equation.nest.sensors.iter().enumerate() {
             let means = &self.equation.means;
             let own = means.iter().filter(|mean| mean.sensor == number);
-            let length_mm = LINEARITY_LENGTH * (sensor.range_mm[1] - sensor.range_mm[0]);
             let readings: Vec<f64> = own.map(|mean| mean.value_mm).collect();
-            for pattern in linearity_patterns(sensor, &readings, length_mm) {
+            for pattern in linearity_patterns(sensor, &readings) {
                 let mut values = pattern.into_iter();
                 columns.push(
                     means

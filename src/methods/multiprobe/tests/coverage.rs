@@ -33,6 +33,7 @@ fn exact() -> SourceSizes {
         index_angle_rad: 0.0,
         stage: StageEccentricity::Declared { u_mm: 0.0, u_tilt_rad: 0.0 },
         drift_mm_per_revolution: 0.0,
+        linearity: Vec::new(),
     }
 }
 
@@ -131,6 +132,7 @@ fn regress_coverage_of_all_sources() {
         index_angle_rad: 2e-3,
         stage: StageEccentricity::Declared { u_mm: 0.1e-3, u_tilt_rad: 1e-6 },
         drift_mm_per_revolution: 0.02e-3,
+        linearity: Vec::new(),
     };
     let nominal = layout(3, TableSense::Clockwise);
     let (mut covered, mut ratios) = (Covered::default(), Vec::new());
