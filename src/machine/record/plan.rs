@@ -65,9 +65,9 @@ pub struct Step {
     pub from: Position,
     pub to: Position,
     pub feed_mm_min: f64,
-    /// Names of what measures: `probe`, or of the plan's sensors. In JSON one is a string, several are a
-    /// list, and none is an empty string.
-    #[serde(rename = "sensor", with = "super::one_or_many")]
+    /// Names of what measures: `probe`, or of the plan's sensors. In JSON `sensor` is the only one, or empty;
+    /// `sensors` is the list of several.
+    #[serde(flatten, with = "super::one_or_many")]
     pub sensors: Vec<String>,
     /// Outward surface normal where contact is expected, machine frame; of a scan: against the beam.
     pub normal: [f64; 3],
