@@ -1,5 +1,7 @@
 //! Error motions of a rotary axis that are drawn from the seed.
 
+use std::f64::consts::TAU;
+
 use super::drawn;
 use super::rotary_motion::RotaryMotion;
 use machine::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
@@ -12,10 +14,14 @@ pub(super) struct RotaryErrors {
     axis: Axis,
     /// As what displaces the axis, with its terms.
     motions: Vec<(ErrorParameter, Vec<Harmonic>)>,
+    /// Their phases go on with time: no two turns are alike, in whatever direction.
+    asynchronous: Vec<(ErrorParameter, Vec<Harmonic>)>,
 }
 
 /// Waves of an asynchronous motion.
 const ASYNCHRONOUS_TERMS: usize = 24;
+/// Of the slowest change of phase, s; the others are as many times faster as their number says.
+const PHASE_PERIOD_S: f64 = 61.7;
 
 /// Number, cosine and sine, mm or rad.
 type Harmonic = (f64, f64, f64);
@@ -34,7 +40,7 @@ impl RotaryErrors {
             Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
         };
         let motions: Result<_, ParameterError> = Axis::LINEAR.into_iter().map(along).collect();
-        Ok(Self { axis, motions: motions? })
+        Ok(Self { axis, motions: motions?, asynchronous: Vec::new() })
     }
 
     /// As declared.
@@ -54,28 +60,50 @@ impl RotaryErrors {
                 let draw = |part| each * drawn::declared_motion(seed, key(number, part));
                 terms.push((*order, draw(0), draw(1)));
             }
-            if component.is_linear() && motion.asynchronous_um > 0.0 {
-                let each = motion.asynchronous_um * 1e-3 / (ASYNCHRONOUS_TERMS as f64).sqrt();
-                for number in 0..ASYNCHRONOUS_TERMS {
-                    let draw = |part| drawn::asynchronous_motion(seed, key(number, part));
-                    // Orders without a common period.
-                    let order = number as f64 + 1.5 + 0.3 * draw(2).tanh();
-                    terms.push((order, each * draw(0), each * draw(1)));
-                }
-            }
+            Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
+        };
+        let asynchronous = |component: Axis| {
+            let each = motion.asynchronous_um * 1e-3 / (ASYNCHRONOUS_TERMS as f64).sqrt();
+            let term = |number: usize| {
+                let key = |part| [axis as u64, component as u64, number as u64, part];
+                let draw = |part| drawn::asynchronous_motion(seed, key(part));
+                // Orders without a common period.
+                let order = number as f64 + 1.5 + 0.3 * draw(2).tanh();
+                (order, each * draw(0), each * draw(1))
+            };
+            let terms = (0..ASYNCHRONOUS_TERMS).map(term).collect();
             Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
         };
         let motions: Result<_, ParameterError> = COMPONENTS.into_iter().map(along).collect();
-        Ok(Self { axis, motions: motions? })
+        let linear = Axis::LINEAR.into_iter().filter(|_| motion.asynchronous_um > 0.0);
+        let asynchronous: Result<_, ParameterError> = linear.map(asynchronous).collect();
+        Ok(Self { axis, motions: motions?, asynchronous: asynchronous? })
     }
 
-    /// Where the axis stands off with all axes at `position`.
+    /// Where the axis stands off with all axes at `position`: what is the same in each turn.
     pub fn at(&self, position: &Position) -> impl Iterator<Item = ErrorTerm> {
         let angle = position.at(self.axis);
         self.motions.iter().map(move |(parameter, terms)| {
             let value =
                 terms.iter().map(|(n, c, s)| c * (n * angle).cos() + s * (n * angle).sin()).sum();
             ErrorTerm { parameter: *parameter, value }
+        })
+    }
+
+    /// The rest at the time `t_s`.
+    pub fn asynchronous_at(
+        &self,
+        position: &Position,
+        t_s: f64,
+    ) -> impl Iterator<Item = ErrorTerm> {
+        let angle = position.at(self.axis);
+        self.asynchronous.iter().map(move |(parameter, terms)| {
+            let value = (1..).zip(terms).map(|(number, (n, c, s))| {
+                let (sin, cos) =
+                    (n * angle + TAU * f64::from(number) * t_s / PHASE_PERIOD_S).sin_cos();
+                c * cos + s * sin
+            });
+            ErrorTerm { parameter: *parameter, value: value.sum() }
         })
     }
 }

@@ -107,7 +107,7 @@ impl Scene {
     /// Error motion of a rotary axis along or about the axis `component`, mm or rad.
     pub fn rotary_motion(&self, axis: Axis, component: Axis, angle: f64) -> f64 {
         let at = Position::new().with(axis, angle);
-        let errors = self.errors_at(&at);
+        let errors = self.errors_at(&at, None);
         let own = errors.iter().filter(|term| {
             (term.parameter.axis(), term.parameter.component()) == (axis, component)
         });
@@ -154,7 +154,7 @@ impl Scene {
     /// Everything as the spindle has it before itself; `axes` and `command` as for
     /// [`Scene::clearance`].
     pub fn sight(&self, axes: &Position, command: &Position, t_s: f64) -> Sight<'_> {
-        let errors = self.errors_at(axes);
+        let errors = self.errors_at(axes, Some(t_s));
         let spindle = self.chain.machine_from_spindle(axes, &errors);
         let shift = self.linear_errors.at(command.xyz().into());
         self.sight_from(spindle, shift, axes, t_s)
@@ -182,7 +182,7 @@ impl Scene {
         axes: &Position,
         t_s: f64,
     ) -> Sight<'_> {
-        let errors = self.errors_at(axes);
+        let errors = self.errors_at(axes, Some(t_s));
         let stand = Stand {
             table: self.sag.bend(self.chain.machine_from_table(axes, &errors), axes),
             spindle: carrier,
@@ -193,12 +193,16 @@ impl Scene {
     }
 
     /// What is stated, and what rotary axes have of error motions at this place.
-    fn errors_at(&self, axes: &Position) -> Cow<'_, [ErrorTerm]> {
+    /// Without a time: without their asynchronous part.
+    fn errors_at(&self, axes: &Position, t_s: Option<f64>) -> Cow<'_, [ErrorTerm]> {
         if self.rotary_errors.is_empty() {
             return Cow::Borrowed(&self.errors);
         }
         let drawn = self.rotary_errors.iter().flat_map(|errors| errors.at(axes));
-        self.errors.iter().copied().chain(drawn).collect()
+        let at_time =
+            |t_s| self.rotary_errors.iter().flat_map(move |e| e.asynchronous_at(axes, t_s));
+        let rest = t_s.into_iter().flat_map(at_time);
+        self.errors.iter().copied().chain(drawn).chain(rest).collect()
     }
 
     /// Where the rotary axis stands in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at

@@ -127,14 +127,23 @@ fn drawn_motions_repeat_and_their_asynchronous_part_does_not() {
         assert!((x - motion_x(&world, degrees + 360.0)).abs() < 1e-12);
     }
     assert!((2e-4..5e-3).contains(&largest), "{largest}");
-    let world = self::world(&format!("seed = 5\n{motion}asynchronous_um = 0.5\nsub_harmonics = 2"));
+    let world = self::world(&format!("seed = 5\n{motion}sub_harmonics = 2"));
     let differs = |by: f64| (motion_x(&world, 30.0) - motion_x(&world, 30.0 + by)).abs();
-    assert!(
-        differs(360.0) > 1e-5 && differs(720.0) > 1e-5,
-        "{} {}",
-        differs(360.0),
-        differs(720.0)
-    );
+    assert!(differs(360.0) > 1e-5 && differs(720.0) < 1e-12, "{}", differs(360.0));
+}
+
+/// Of the size that is declared, another one in each turn, forward and backward, and no part of what repeats.
+#[test]
+fn an_asynchronous_motion_is_another_one_in_each_turn() {
+    let motion =
+        "[[rotary_motion]]\naxis = 'C'\nlinear_um = 0.0\nasynchronous_um = 0.5\nmax_order = 8\n";
+    let mut world = world(&format!("seed = 5\n{motion}"));
+    assert_eq!(world.true_rotary_motion(Axis::C, Axis::X, 0.7), 0.0);
+    let turns = [30.0, 390.0, 30.0, -330.0, 30.0].map(|degrees| at(&mut world, degrees)[0]);
+    for (i, one) in turns.iter().enumerate() {
+        let differs = |other: &f64| (one - other).abs() > 1e-5;
+        assert!(one.abs() < 2.5e-3 && turns[i + 1..].iter().all(differs), "{turns:?}");
+    }
 }
 
 #[test]
