@@ -78,11 +78,15 @@ pub fn compare(journal: &Journal, first: RunId, second: RunId) -> Result<Compari
         };
         besides.extend(gauges.map(line));
     }
+    besides.extend(other_heights(&of_one, &of_other));
     if !in_other_units.is_empty() {
         besides.push(format!("the units differ of {}", in_other_units.join(", ")));
     }
     Ok(Comparison { runs, differences, functions, common_sources, besides })
 }
+
+/// Heights are the same up to this.
+const SAME_HEIGHT_MM: f64 = 0.5;
 
 /// Nothing is mounted anew between them: a sensor or sphere that a person clamps has another offset each time.
 fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
@@ -120,6 +124,23 @@ fn in_other_units(one: &Estimate, other: &Estimate) -> Vec<String> {
     differing.map(|(symbol, _)| symbol).collect()
 }
 
+/// Displacements of an axis that tilts depend on the height.
+fn other_heights(one: &Estimate, other: &Estimate) -> Vec<String> {
+    let differing = one.functions.iter().filter_map(|function| {
+        let same = other.functions.iter().find(|other| other.symbol == function.symbol)?;
+        let [a, b] = [function, same].map(|function| function.at_mm.map(|at_mm| at_mm[2]));
+        let is_same = match (a, b) {
+            (Some(a), Some(b)) => (a - b).abs() <= SAME_HEIGHT_MM,
+            (a, b) => a == b,
+        };
+        let height = |z: Option<f64>| z.map_or("point_mm".to_owned(), |z| format!("Z = {z:.1} mm"));
+        let (symbol, a, b) = (&function.symbol, height(a), height(b));
+        (!is_same)
+            .then(|| format!("{symbol} holds at {a} and at {b}: they differ where the axis tilts"))
+    });
+    differing.collect()
+}
+
 fn incomparable([one, other]: [RunSummary; 2], in_other_units: &[String]) -> CompareError {
     if in_other_units.is_empty() {
         return CompareError::NothingInCommon(Box::new(one), Box::new(other));
@@ -137,4 +158,34 @@ fn besides(one: &StoredRun, other: &StoredRun) -> Vec<String> {
         (one.plan.artefact != other.plan.artefact, "the artefact is stated differently"),
     ];
     said.into_iter().filter(|(differs, _)| *differs).map(|(_, words)| words.to_owned()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn estimate(at_mm: Option<[f64; 3]>) -> Estimate {
+        let estimate: Estimate = serde_json::from_value(json!({
+            "trued_estimate": 1, "method": "r-test", "parameters": [], "gauge": [], "warnings": [],
+            "functions": [{"symbol": "EXC", "argument": "C", "argument_unit": "deg", "x": [0.0], "unit": "um",
+                           "y": [0.0], "u": [0.1]}],
+            "covariance": {"symbols": [], "rows": []}, "not_identifiable": [], "rank": 0, "unknowns": 0,
+            "condition": 1.0, "residual_rms_um": 0.0, "degrees_of_freedom": 0, "chi2_per_dof": 0.0,
+            "verdict": "none", "priors": []
+        }))
+        .unwrap();
+        at_mm.map_or(estimate.clone(), |at_mm| estimate.displaced_at(at_mm))
+    }
+
+    #[test]
+    fn other_heights_are_named() {
+        let [here, near, high] = [60.0, 60.3, 120.0].map(|z| estimate(Some([0.0, 0.0, z])));
+        assert!(other_heights(&here, &near).is_empty());
+        assert!(other_heights(&estimate(None), &estimate(None)).is_empty());
+        let said = other_heights(&here, &high);
+        assert!(said[0].starts_with("EXC holds at Z = 60.0 mm and at Z = 120.0 mm"), "{said:?}");
+        assert!(other_heights(&here, &estimate(None))[0].contains("point_mm"));
+    }
 }

@@ -31,10 +31,13 @@ fn caption(function: &Function, k: f64) -> String {
             format!("{} values, and the normal distribution that scatters so", function.y.len())
         }
         FigureKind::Points if !stated => format!("over {}", function.argument),
+        FigureKind::Spectrum if !stated => "over harmonic order".to_owned(),
         FigureKind::Spectrum => format!("amplitude over harmonic order, {}", band(k)),
         _ => {
             let value = error_motion_value(function).unwrap_or_default();
-            format!("over {}, {}{value}", function.argument, band(k))
+            let height = function.at_mm.map(|[_, _, z]| format!(", at Z = {z:.1} mm"));
+            let height = height.unwrap_or_default();
+            format!("over {}{height}, {}{value}", function.argument, band(k))
         }
     }
 }

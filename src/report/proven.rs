@@ -17,6 +17,7 @@ pub(super) fn function(proofs: &[Proof]) -> Option<Function> {
         u: Vec::new(),
         y,
         figure: FigureKind::Curve,
+        at_mm: None,
     })
 }
 

@@ -31,6 +31,7 @@ fn wave(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> Function 
         x,
         unit: Unit::Um,
         figure,
+        at_mm: None,
     }
 }
 

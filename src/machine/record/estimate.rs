@@ -80,6 +80,17 @@ pub struct BudgetLine {
     pub u: f64,
 }
 
+impl Estimate {
+    /// Its displacements along X and Y over an angle hold at this point, machine frame with all axes at zero, mm.
+    pub fn displaced_at(mut self, at_mm: [f64; 3]) -> Self {
+        let is_across = |f: &Function| f.symbol.starts_with("EX") || f.symbol.starts_with("EY");
+        let is_displacement = |f: &&mut Function| f.argument_unit == "deg" && is_across(f);
+        let displacements = self.functions.iter_mut().filter(is_displacement);
+        displacements.for_each(|function| function.at_mm = Some(at_mm));
+        self
+    }
+}
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Function {
     pub symbol: String,
@@ -92,6 +103,9 @@ pub struct Function {
     /// How to draw it: `curve`, `polar`, `points`, `histogram` or `spectrum`.
     #[serde(default)]
     pub figure: FigureKind,
+    /// Where a displacement holds, machine frame with all axes at zero. Absent: at the Z of `point_mm`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub at_mm: Option<[f64; 3]>,
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]

@@ -165,6 +165,7 @@ mod tests {
             y: y.to_vec(),
             u: vec![u; x.len()],
             figure: FigureKind::Polar,
+            at_mm: None,
         }
     }
 

@@ -137,6 +137,7 @@ impl Identification {
             y: curve.y.iter().map(|y| curve.unit.from_internal(*y)).collect(),
             u: curve.slopes.iter().map(u).collect(),
             figure: curve.figure,
+            at_mm: None,
         }
     }
 

@@ -117,6 +117,7 @@ impl Identification {
             y: points.iter().map(|[_, amplitude, _]| reported(*amplitude)).collect(),
             u: points.iter().map(|[.., u]| reported(*u)).collect(),
             figure: FigureKind::Spectrum,
+            at_mm: None,
         }
     }
 

@@ -146,6 +146,7 @@ fn functions(parts: &Parts<'_>) -> Vec<Function> {
         u: vec![0.0; mm.len()],
         y: mm.into_iter().map(|mm| Unit::Um.from_internal(mm)).collect(),
         figure,
+        at_mm: None,
     };
     let points = parts.grouped.centres.off(&parts.fitted.x);
     vec![

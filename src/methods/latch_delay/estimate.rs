@@ -74,5 +74,6 @@ fn touches(observed: &Observed, fitted: &Fitted, feed: usize) -> Function {
         u: vec![um(fitted.scatter[feed].s_mm); y.len()],
         y,
         figure: FigureKind::Curve,
+        at_mm: None,
     }
 }

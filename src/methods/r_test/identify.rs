@@ -70,6 +70,7 @@ pub fn identify(
     let outputs = outputs::outputs(&equation, &minimum.x);
     let identified = identification::identify(&solution, &sources, outputs, Some(trials))?;
     let axis = nest.axis;
+    let at_mm = nest.sphere_position().into();
     Ok(Estimate {
         gauge: vec![format!(
             "the nest at 0° of {axis} is the origin: the error motion at 0° counts as a displacement of the nest, \
@@ -88,7 +89,7 @@ pub fn identify(
             ),
         ],
         warnings: warnings(&equation, &observed, &identified),
-        ..identified.estimate(NAME)
+        ..identified.estimate(NAME).displaced_at(at_mm)
     })
 }
 

@@ -15,6 +15,7 @@ pub(super) fn wave(figure: FigureKind, count: u32) -> Function {
         x,
         unit: Unit::Um,
         figure,
+        at_mm: None,
     }
 }
 
