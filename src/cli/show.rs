@@ -46,7 +46,7 @@ pub fn print_estimate(estimate: &Estimate) {
         say!("convention: {line}");
     }
     for line in &estimate.not_identifiable {
-        say!("cannot know: {line}");
+        say!("not identifiable: {line}");
     }
     for line in &estimate.warnings {
         say!("warning: {line}");

@@ -220,7 +220,7 @@ fn unseen(flag: Flag) -> &'static str {
             "too much light comes back: lower the sensor's exposure or power, or take a duller sphere"
         }
         _ => {
-            "see that the beam meets the sphere: does it stand where the machine file says, is its surface \
+            "see that the sensor measures the artefact: does it stand where the machine file says, is its surface \
              clean, is the sensor mounted as zero_mm and direction say?"
         }
     }

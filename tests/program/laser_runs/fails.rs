@@ -81,7 +81,7 @@ fn fails(state: State, moment: Moment, told: [&str; 2]) {
 pub fn a_sensor_that_fails_in_mid_scan_holds_the_machine() {
     let silent = ["(stale)", "has fallen silent: see to its cable"];
     let cases = [
-        (State::Beyond, Moment::Way, ["(range)", "see that the beam meets the sphere"]),
+        (State::Beyond, Moment::Way, ["(range)", "see that the sensor measures the artefact"]),
         (State::Silent, Moment::Way, silent),
         (State::Gone, Moment::Way, ["the link to", "see to the sensor's power and cable"]),
         (State::Saturated, Moment::Way, ["(saturated)", "lower the sensor's exposure"]),

@@ -232,7 +232,7 @@ pub fn what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true() {
         ),
         (
             (BACK, Event::Says(Flag::Range), Held),
-            &[on_step, "(range)", "see that the beam meets the sphere"],
+            &[on_step, "(range)", "see that the sensor measures the artefact"],
         ),
         (
             (BACK, Event::Says(Flag::Saturated), Held),
