@@ -65,6 +65,16 @@ impl Refused {
     }
 
     /// # Errors
+    /// Too few Monte Carlo trials; 0 is the adaptive rule of JCGM 101.
+    pub fn unless_trials(count: usize) -> Result<(), Self> {
+        Self::unless(
+            count == 0 || count >= 100,
+            format!("{count} Monte Carlo trials show no scatter"),
+            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
+        )
+    }
+
+    /// # Errors
     /// The refusal, unless `is_met`.
     pub fn unless(
         is_met: bool,

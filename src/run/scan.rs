@@ -62,8 +62,10 @@ impl Run<'_> {
             Sampling::Dwell { samples, .. } => {
                 self.dwells(step, repeat, samples, rest, in_nest).await
             }
-            Sampling::Continuous { rate_hz, .. } => {
-                self.sweep((step, scan), repeat, rate_hz, rest, in_nest).await
+            Sampling::Continuous { rate_hz, per_revolution } => {
+                // The filter to equal angles takes all samples.
+                let most_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
+                self.sweep((step, scan), repeat, most_hz, rest, in_nest).await
             }
         }
     }
@@ -129,7 +131,7 @@ impl Run<'_> {
         &mut self,
         (step, scan): (&Step, &Scan),
         repeat: u32,
-        rate_hz: f64,
+        most_hz: f64,
         mut blocks: Vec<ProvenBlock>,
         in_nest: bool,
     ) -> Result<Vec<Reading>, RunError> {
@@ -156,7 +158,7 @@ impl Run<'_> {
         }
         let mut readings = Vec::new();
         for (sensor, samples) in step.sensors.iter().zip(samples) {
-            let placed = sweep::placed(&samples, &track, rate_hz);
+            let placed = sweep::placed(&samples, &track, most_hz);
             if placed.samples.is_empty() {
                 return Err(unswept(&nothing_placed(sensor, samples.is_empty())));
             }

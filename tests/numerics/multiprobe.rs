@@ -305,6 +305,52 @@ fn a_wrong_index_is_named_and_left_out() {
     assert!(!right.warnings.iter().any(|line| line.contains("left out")), "{:#?}", right.warnings);
 }
 
+/// Clockwise seen from the tip, by 72° each time: from the planned angle by −144°, −288° and so on.
+#[test]
+fn mountings_the_other_way_round_are_named() {
+    let fault = |n: u32| table(&format!("mounting = {}\noff_deg = {}.0", n, -144 * i64::from(n)));
+    let faults = Value::Array((1..5).map(fault).collect());
+    let changes = [("simulated.stage.faults", faults)];
+    let why = why(&played(machine(1, &[&small()[..], &changes].concat()), 1));
+    assert!(why.contains("turned the other way"), "{why}");
+}
+
+#[test]
+fn two_wrong_mountings_are_not_confirmed() {
+    let faults = [table("mounting = 2\noff_deg = 9.0"), table("mounting = 4\noff_deg = -17.0")];
+    let found = faulty(&[("simulated.stage.faults", Value::Array(faults.to_vec()))]).unwrap();
+    let named = |line: &String| line.contains("contradict each other");
+    assert!(found.warnings.iter().any(named), "{:#?}", found.warnings);
+}
+
+/// A channel that reads nothing in the first 50° loses revolutions of its own: the others go on without it.
+#[test]
+fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
+    let estimate = |revolutions: i64| {
+        let more = [("method.multiprobe.revolutions", Value::Integer(revolutions))];
+        let mut played = played(machine(1, &[&small()[..], &more].concat()), 1);
+        let turns = played.plan.steps.iter().filter(|step| step.label.starts_with("index/"));
+        let turns: Vec<u32> = turns.map(|step| step.id).collect();
+        for reading in &mut played.readings {
+            let is_at_end = reading.position.at(Axis::C).to_degrees() < 50.0;
+            if turns.contains(&reading.step) && reading.sensor == "x1" && is_at_end {
+                (reading.value_mm, reading.flag) = (None, Flag::Range);
+            }
+        }
+        let estimate = played.estimate().unwrap();
+        let named = format!("x1: 1 of {revolutions} revolutions lack samples");
+        let said = estimate.warnings.iter().any(|line| line.contains(&named));
+        assert!(said, "{:#?}", estimate.warnings);
+        (played, estimate)
+    };
+    let (_, without_x1) = estimate(1);
+    assert!(without_x1.parameters.iter().any(|parameter| parameter.symbol == "EXC_c2"));
+    let (played, estimate) = estimate(2);
+    for (share, squares) in covered(&played, &estimate) {
+        assert!(share > 0.7 && squares < 4.0, "{share} {squares}");
+    }
+}
+
 #[test]
 fn a_round_artefact_does_not_confirm_the_mountings() {
     let round = [("simulated.datum_cylinder.form_um", Value::Float(0.0))];

@@ -30,12 +30,11 @@ impl RowRevolutions {
 /// Revolutions of a channel that cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error(
-    "channel {channel}, index {index}: {rejected} of {revolutions} revolutions lack samples ({}); measure \
-     this index again, or set the sensor back into its range", AngleRange::in_words(.gaps)
+    "{rejected} of {revolutions} revolutions lack samples ({}); measure again, or set the sensor back into its range",
+    AngleRange::in_words(.gaps)
 )]
 pub struct RejectedRevolutions {
     pub channel: usize,
-    pub index: usize,
     pub rejected: usize,
     pub revolutions: usize,
     pub gaps: Vec<AngleRange>,
@@ -48,9 +47,13 @@ pub fn common_revolutions(
     channels: &[Resampled],
 ) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
     let Some(Resampled { steps, .. }) = channels.first() else { return Default::default() };
-    let from = channels.iter().map(|c| c.ends().0).max().unwrap_or(0);
-    let to = channels.iter().map(|c| c.ends().1).min().unwrap_or(0);
-    let count = usize::try_from(to - from + 1).unwrap_or(0) / steps;
+    // Of the channels with the most whole revolutions: what another lacks at an end is a gap of its own.
+    let whole = |(from, to): (i64, i64)| usize::try_from(to - from + 1).unwrap_or(0) / steps;
+    let most = channels.iter().map(|channel| whole(channel.ends())).max().unwrap_or(0);
+    let ends = || channels.iter().map(Resampled::ends).filter(|ends| whole(*ends) == most);
+    let from = ends().map(|(from, _)| from).max().unwrap_or(0);
+    let to = ends().map(|(_, to)| to).min().unwrap_or(0);
+    let count = whole((from, to));
     let all: Vec<_> = channels.iter().map(|channel| channel.revolutions(from, count)).collect();
     let is_usable = |of: &&Vec<Option<Vec<f64>>>| of.iter().any(Option::is_some);
     let is_common = |r: &usize| all.iter().filter(is_usable).all(|of| of[*r].is_some());
@@ -60,13 +63,7 @@ pub fn common_revolutions(
         let rejected = of.iter().filter(|revolution| revolution.is_none()).count();
         if rejected > 0 {
             let gaps = channels[channel].gaps.clone();
-            rejections.push(RejectedRevolutions {
-                channel,
-                index,
-                rejected,
-                revolutions: count,
-                gaps,
-            });
+            rejections.push(RejectedRevolutions { channel, rejected, revolutions: count, gaps });
         }
         let revolutions: Vec<Vec<f64>> = common.iter().filter_map(|r| of[*r].clone()).collect();
         if !revolutions.is_empty() {

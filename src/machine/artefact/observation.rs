@@ -35,8 +35,10 @@ pub enum ObservationError {
     OnTable,
     #[error("it looks neither across the axis nor down on the face")]
     NoSurface,
-    #[error("it looks past the table's axis by {past_mm:.2} mm, or away from it")]
+    #[error("it looks past the table's axis by {past_mm:.2} mm, or points away from it")]
     PastAxis { past_mm: f64 },
+    #[error("it looks past the face, at {radius_mm:.1} mm from the axis")]
+    BesideFace { radius_mm: f64 },
     #[error("it is {height_mm:.1} mm above the foot of the cylinder, where no section is")]
     NoSection { height_mm: f64 },
 }
@@ -52,6 +54,7 @@ impl ObservationError {
             Self::PastAxis { .. } => {
                 "correct zero_mm and direction: a radial sensor looks at the axis"
             }
+            Self::BesideFace { .. } => "correct its zero_mm, or radius_mm of the [artefact] face",
             Self::NoSection { .. } => "correct zero_mm, `at`, or the z_mm of [artefact] sections",
         }
     }
@@ -85,13 +88,12 @@ impl CylinderOnTable<'_> {
         let zero = pose.map_or(zero, |pose| pose.transform_point(&zero.into()).coords);
         let along = pose.map_or(along, |pose| pose.transform_vector(&along));
         let from_axis = zero - self.axis.point;
-        if along.z < -MIN_COSINE && self.cylinder.face.is_some() {
-            let angle_rad = from_axis.y.atan2(from_axis.x);
-            return Ok(ObservedSurface {
-                section: None,
-                angle_rad,
-                radius_mm: from_axis.xy().norm(),
-            });
+        if let Some(face) = self.cylinder.face.filter(|_| along.z < -MIN_COSINE) {
+            let (angle_rad, radius_mm) = (from_axis.y.atan2(from_axis.x), from_axis.xy().norm());
+            if radius_mm > face.radius_mm {
+                return Err(ObservationError::BesideFace { radius_mm });
+            }
+            return Ok(ObservedSurface { section: None, angle_rad, radius_mm });
         }
         let across = unit_vector(along).filter(|along| along.z.abs() < MAX_CROSS_COSINE);
         let across = across.ok_or(ObservationError::NoSurface)?;

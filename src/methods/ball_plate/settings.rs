@@ -65,10 +65,17 @@ impl Default for Settings {
 
 /// Beyond it polynomials of time follow the scatter.
 const MAX_DRIFT_ORDER: usize = 5;
+/// More would take days.
+const MAX_POSITIONS: usize = 720;
 
 impl Settings {
     /// What would fail on the way, refused before the first move.
     pub fn check(&self) -> Result<(), Refused> {
+        Refused::unless(
+            self.positions <= MAX_POSITIONS,
+            format!("{} positions of a revolution are more than a run can have", self.positions),
+            format!("choose positions = 72, at most {MAX_POSITIONS}"),
+        )?;
         Refused::unless(
             self.harmonics > 0 && 2 * self.harmonics < self.positions,
             format!(
@@ -105,11 +112,7 @@ impl Settings {
             "form_limit_um and diameter_limit_um must be greater than 0",
             "leave them out, or choose about 15 and 30",
         )?;
-        Refused::unless(
-            self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
-            format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
-            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
-        )
+        Refused::unless_trials(self.monte_carlo_trials)
     }
 
     pub fn touch(&self) -> TouchSettings {

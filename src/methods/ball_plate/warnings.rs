@@ -105,7 +105,13 @@ pub fn not_identifiable(solved: &Solved<'_>) -> Vec<String> {
             "location of {axis}: inseparable from the deviations of X, Y and Z at the measuring positions"
         ),
         "scale of X and Y: inseparable from the radius of the plate".to_owned(),
-        format!("harmonics above {}: their size is in the residuals", solved.settings.harmonics),
+        format!(
+            "harmonics above {}: those below {half} are in the residuals; above {half} an order k is not told from \
+             {positions} - k (the positions of a revolution)",
+            solved.settings.harmonics,
+            half = solved.settings.positions / 2,
+            positions = solved.settings.positions
+        ),
     ];
     if !solved.settings.both_directions {
         lines.push(format!("reversal of {axis}: needs both_directions = true"));

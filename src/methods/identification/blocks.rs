@@ -6,6 +6,7 @@ use estimation::null_names::name_null_space;
 use faer::{Mat, MatRef};
 
 use super::model::{FitFigures, ObservationModel, Response, Solution, multiply, rms};
+use super::outputs::unit_slope;
 use super::source::{Effect, InResiduals, ObservationRun, UncertaintySource};
 use crate::IdentifyError;
 
@@ -82,6 +83,26 @@ impl BlockFit {
             along.abs() <= MAX_LOST_SHARE * largest
         })
     }
+}
+
+impl BlockFit {
+    /// Of a harmonic whose cosine and sine parts are the unknowns 2·`column` and 2·`column` + 1: the derivatives of the
+    /// parts by the unknowns, without what lies along the orthogonal directions `removed`. `None`: not determined.
+    pub fn identifiable_parts(&self, column: usize, removed: &[Vec<f64>]) -> Option<[Vec<f64>; 2]> {
+        let part = |offset: usize| {
+            let mut slope = unit_slope(2 * column + offset, self.design.ncols());
+            removed.iter().for_each(|direction| remove(&mut slope, direction));
+            self.determines(&slope).then_some(slope)
+        };
+        Some([part(0)?, part(1)?])
+    }
+}
+
+/// Removes the part along `direction`.
+fn remove(slope: &mut [f64], direction: &[f64]) {
+    let square: f64 = direction.iter().map(|d| d * d).sum();
+    let along: f64 = slope.iter().zip(direction).map(|(s, d)| s * d).sum::<f64>() / square;
+    slope.iter_mut().zip(direction).for_each(|(s, d)| *s -= along * d);
 }
 
 fn numerical(error: linear::LinearError) -> IdentifyError {

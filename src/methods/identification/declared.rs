@@ -5,6 +5,7 @@
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
+use estimation::revolutions::{HarmonicData, RowRevolutions};
 use estimation::smooth::{smooth_function, stationary_function};
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, Shape};
@@ -85,6 +86,32 @@ pub fn linearity_patterns(sensor: &Sensor, readings: &[f64]) -> Vec<Vec<f64>> {
     let per_mm = 100.0 / length_mm;
     let readings: Vec<f64> = readings.iter().map(|mm| (mm * per_mm).round() / per_mm).collect();
     stationary_function(&readings, sensor.linearity_um * 1e-3, length_mm)
+}
+
+/// Effects of the linearity errors on the harmonics of revolutions, one entry an observation of `data`, mm: of each sensor a smooth random function of its reading, the
+/// same in all rows, over their mean revolutions. `sensors`: in the order of the channels.
+pub fn linearity_of_revolutions(
+    sensors: &[Sensor],
+    rows: &[RowRevolutions],
+    data: &HarmonicData,
+) -> Vec<Vec<f64>> {
+    let revolutions: Vec<Vec<f64>> = rows.iter().map(RowRevolutions::mean).collect();
+    let mut columns = Vec::new();
+    for (channel, sensor) in sensors.iter().enumerate() {
+        let is_own = |row: &RowRevolutions| row.row.channel == channel;
+        let own = rows.iter().zip(&revolutions).filter(|(row, _)| is_own(row));
+        let readings: Vec<f64> = own.flat_map(|(_, of)| of.iter().map(|m| -m)).collect();
+        for pattern in linearity_patterns(sensor, &readings) {
+            let mut errors = pattern.iter().map(|error| -error);
+            let mut of_row = |(row, of): (&RowRevolutions, &Vec<f64>)| match is_own(row) {
+                true => errors.by_ref().take(of.len()).collect(),
+                false => vec![0.0; of.len()],
+            };
+            let effects: Vec<Vec<f64>> = rows.iter().zip(&revolutions).map(&mut of_row).collect();
+            columns.push(data.observations_of(&effects));
+        }
+    }
+    columns
 }
 
 /// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random

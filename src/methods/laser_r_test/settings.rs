@@ -145,11 +145,7 @@ impl Settings {
             "leave it out, or choose about 10",
         )?;
         self.check_heights()?;
-        Refused::unless(
-            self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
-            format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
-            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
-        )
+        Refused::unless_trials(self.monte_carlo_trials)
     }
 
     fn check_heights(&self) -> Result<(), Refused> {

@@ -3,7 +3,9 @@
 use estimation::revolutions::{AngleRange, Row};
 use std::ops::RangeInclusive;
 
-use super::layout::{MIN_SENSOR_ANGLE_DEG, sensor_angle_deg, third_angles, unit_noise_fit};
+use super::layout::{
+    MIN_SENSOR_ANGLE_DEG, Separation, noise_gain, sensor_angle_deg, third_angles, unit_noise_fit,
+};
 use super::model::{Channel, Component, ProbeLayout, Surface, equal_steps_rad};
 use super::outputs::ReportedMotions;
 use super::sources::StageEccentricity;
@@ -120,6 +122,27 @@ pub fn check_orders(
          harmonic {order}"
     );
     Err(Refused::new(why, instead))
+}
+
+/// What a layout does not measure, and what least certainly: for a person, before anything moves.
+///
+/// # Errors
+/// Angles that are not finite.
+pub fn weak_points(layout: &ProbeLayout, harmonics: usize) -> Result<String, Refused> {
+    let axial: Vec<Component> =
+        layout.components().into_iter().filter(|c| *c == Component::Z).collect();
+    let lost = lost_orders(layout, &axial, &(1..=harmonics))?;
+    let lost: Vec<String> = lost.iter().map(|(_, order)| order.to_string()).collect();
+    let lost = match lost.as_slice() {
+        [] => String::new(),
+        orders => format!(" Harmonics of EZC that are not measured: {}.", orders.join(", ")),
+    };
+    let gain = noise_gain(&layout.first_section(), Separation::Combined, 2..=harmonics)?;
+    let weakest = gain.gains.iter().zip(gain.orders).max_by(|a, b| a.0.total_cmp(b.0));
+    let weakest = weakest.map(|(gain, order)| {
+        format!(" Least certain in EXC: harmonic {order}, {gain:.1} times the uncertainty of one sensor's")
+    });
+    Ok(lost + &weakest.unwrap_or_default())
 }
 
 fn lost_orders(

@@ -30,18 +30,24 @@ pub enum Diagnosis {
         if *.is_from_here_on { "them" } else { "it" }
     )]
     WrongIndex { first: usize, is_from_here_on: bool, offset_deg: f64 },
-    #[error("the clock of channel {channel} runs {:.2} % fast: correct its stamps", .relative * 100.0)]
+    #[error(
+        "the artefact was turned the other way at each mounting, clockwise seen from its tip: correct turn_deg, \
+         or measure again"
+    )]
+    MirroredIndexes,
+    #[error("the clock of channel {channel} runs {:.2} % fast: have its clock set right, and measure again", .relative * 100.0)]
     ClockError { channel: String, relative: f64 },
 }
 
 /// Whether the data confirm the indexes.
 #[derive(Debug, Clone, PartialEq)]
 pub enum IndexCheck {
-    /// Confirmed, or the residuals are too large and no index explains them.
     Confirmed,
     /// The artefact is too round: a wrong index would not be noticed.
     NotConfirmed,
     Wrong(Diagnosis),
+    /// The mountings contradict each other by more than is declared, and no wrong index explains it.
+    Contradictory,
 }
 
 /// `expected`: χ² over its degrees of freedom where all is as declared, 1 for noise alone.
@@ -98,7 +104,13 @@ pub fn check_indexes(
         let is_seen = (0..indexes).all(|n| shift_chi2(layout, data, &fit, n) > least);
         return Ok(if is_seen { IndexCheck::Confirmed } else { IndexCheck::NotConfirmed });
     }
-    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, IndexCheck::Confirmed);
+    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, IndexCheck::Contradictory);
+    let mut mirrored = layout.clone();
+    mirrored.index_angles_rad.iter_mut().for_each(|angle| *angle = -*angle);
+    let (sum, _) = SeparationFit::new(&mirrored, data)?.chi2();
+    if sum < best.0 {
+        best = (sum, IndexCheck::Wrong(Diagnosis::MirroredIndexes));
+    }
     for first in 0..indexes {
         for is_from_here_on in [false, true] {
             let is_moved = |row: &Row| match is_from_here_on {

@@ -7,9 +7,9 @@ use super::outputs::ReportedMotions;
 use super::revolutions::revolution_values;
 use super::settings::{Settings, TurnSampling};
 use super::setup::Setup;
-use super::sources::{SourceSizes, linearity};
+use super::sources::SourceSizes;
 use super::{Separated, identify};
-use crate::identification::declared::drift_mm_per_s;
+use crate::identification::declared::{drift_mm_per_s, linearity_of_revolutions};
 use crate::identification::{MisfitAdvice, TrialPlan};
 use crate::{IdentifyError, Refused};
 use estimation::monte_carlo::Trials;
@@ -62,17 +62,23 @@ pub fn estimate(
             .map(|(_, motion)| separated.identification.spectrum(&motion, motions.solution())),
     );
     if settings.sampling == TurnSampling::Continuous {
-        estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.rows));
+        estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.forward));
     }
     estimate.functions.extend(noise_gains(&setup));
     let mut gauge = separated.gauge.clone();
     let is_resampled = settings.sampling == TurnSampling::Continuous;
     gauge.extend(is_resampled.then(|| ResampleFilter::new(settings.positions).to_string()));
+    let mut not_identifiable = separated.not_identifiable.clone();
+    let positions = settings.positions;
+    not_identifiable.extend((!is_resampled).then(|| {
+        let half = positions / 2;
+        format!("harmonics above {half}: an order k is not told from {positions} - k (the stops of a revolution)")
+    }));
     Ok(Estimate {
         warnings: warnings(&observed, index_warning, &separated),
         gauge,
-        not_identifiable: separated.not_identifiable,
-        ..estimate
+        not_identifiable,
+        ..estimate.displaced_at(setup.reference_mm)
     })
 }
 
@@ -84,7 +90,7 @@ fn separate(
     trials: Option<TrialPlan>,
 ) -> Result<(HarmonicData, Separated), IdentifyError> {
     let data = HarmonicData::from_revolutions(rows, setup.settings.harmonics)?;
-    let linearity = linearity(&setup.plan.sensors, rows, &data);
+    let linearity = linearity_of_revolutions(&setup.plan.sensors, rows, &data);
     let sizes = SourceSizes { linearity, ..sizes.clone() };
     let separated = identify(&setup.layout, &data, &sizes, setup.settings.sampling, trials)?;
     Ok((data, separated))
@@ -100,7 +106,7 @@ fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
         ("gain_combined", Separation::Combined),
     ];
     let function = |(symbol, separation): (&str, Separation)| {
-        let gain = noise_gain(&layout, separation, 2..=setup.settings.harmonics).ok()?;
+        let gain = noise_gain(&layout, separation, 1..=setup.settings.harmonics).ok()?;
         let kept = gain.orders.iter().zip(&gain.gains).filter(|(_, gain)| gain.is_finite());
         let (x, y): (Vec<f64>, Vec<f64>) = kept.map(|(order, gain)| (*order as f64, *gain)).unzip();
         (!x.is_empty()).then(|| Function {
@@ -112,6 +118,7 @@ fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
             unit: Unit::Um,
             y,
             figure: FigureKind::Spectrum,
+            at_mm: None,
         })
     };
     separations.into_iter().filter_map(function).collect()
@@ -154,8 +161,14 @@ fn check_rows(
             "the mountings are not confirmed: the artefact is too round for a wrong index to show"
                 .to_owned(),
         ),
+        IndexCheck::Contradictory => Some(
+            "the mountings contradict each other by more than is declared, and no single wrong index explains it: the \
+             form of the artefact (RONt) may be wrong"
+                .to_owned(),
+        ),
         IndexCheck::Wrong(fault @ Diagnosis::WrongIndex { first, is_from_here_on: false, .. }) => {
             observed.rows.retain(|row| row.row.index != first);
+            observed.forward.retain(|row| row.row.index != first);
             Some(format!("left out: {fault}"))
         }
         IndexCheck::Wrong(fault) => return Err(refused(&fault)),

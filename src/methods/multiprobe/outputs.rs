@@ -7,8 +7,8 @@ use super::model::{Component, ProbeLayout};
 use super::settings::TurnSampling;
 use super::sources::{StageEccentricity, co_rotating_directions};
 use crate::identification::{
-    BlockFit, Harmonic, HarmonicFunction, NonlinearOutputs, Output, Outputs, range_outputs,
-    turning_axis_ranges, unit_slope,
+    Harmonic, HarmonicFunction, NonlinearOutputs, Output, Outputs, range_outputs,
+    turning_axis_ranges,
 };
 
 /// Points of a curve over one revolution.
@@ -37,7 +37,7 @@ impl<'a> ReportedMotions<'a> {
         });
         let of = |(column, component)| {
             let parts = fit.blocks.iter().enumerate().map(|(block, harmonic)| {
-                identifiable_parts(harmonic, column, if block == 0 { &removed } else { &[] })
+                harmonic.identifiable_parts(column, if block == 0 { &removed } else { &[] })
             });
             (component, parts.collect())
         };
@@ -170,20 +170,4 @@ fn removed_directions(
         |direction: &Vec<f64>| fit.blocks.first().is_none_or(|first| first.determines(direction));
     let is_declared = stage != StageEccentricity::NotDeclared;
     if is_declared && directions.iter().all(is_determined) { Vec::new() } else { directions }
-}
-
-fn identifiable_parts(fit: &BlockFit, column: usize, removed: &[Vec<f64>]) -> Option<Parts> {
-    let part = |offset: usize| {
-        let mut slope = unit_slope(2 * column + offset, fit.design.ncols());
-        removed.iter().for_each(|direction| remove(&mut slope, direction));
-        fit.determines(&slope).then_some(slope)
-    };
-    Some([part(0)?, part(1)?])
-}
-
-/// Removes the part along `direction`.
-fn remove(slope: &mut [f64], direction: &[f64]) {
-    let square: f64 = direction.iter().map(|d| d * d).sum();
-    let along: f64 = slope.iter().zip(direction).map(|(s, d)| s * d).sum::<f64>() / square;
-    slope.iter_mut().zip(direction).for_each(|(s, d)| *s -= along * d);
 }

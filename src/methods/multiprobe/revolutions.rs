@@ -9,7 +9,8 @@ use super::model::{Component, ProbeLayout};
 use super::outputs::ReportedMotions;
 use crate::identification::{HarmonicFunction, RevolutionRanges, revolution_parameters};
 
-/// Total and asynchronous value of each error motion over the indexes. A motion that the channels of an index do
+/// Total and asynchronous value of each error motion over the indexes, of turns in one direction: between two
+/// directions the reversal would count. An index with one revolution has no value. A motion that the channels of an index do
 /// not determine has no value from that index.
 pub fn revolution_values(
     layout: &ProbeLayout,
@@ -21,7 +22,7 @@ pub fn revolution_values(
         let synchronous = motion.values(samples, motions.solution());
         let of_index = |index: usize| {
             let own: Vec<_> = measured.iter().filter(|row| row.row.index == index).collect();
-            let single = single_revolutions(layout, &own, component)?;
+            let single = single_revolutions(layout, &own, component).filter(|all| all.len() > 1)?;
             Some(RevolutionRanges::new(&synchronous, &single))
         };
         let indexes = 0..layout.index_angles_rad.len();

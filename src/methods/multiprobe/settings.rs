@@ -88,6 +88,11 @@ impl Default for Settings {
     }
 }
 
+/// More would take a day, and their equations the computer's memory.
+const MAX_INDEXES: usize = 72;
+const MAX_REVOLUTIONS: usize = 100;
+const MAX_POSITIONS: usize = 3600;
+
 impl Settings {
     /// # Errors
     /// Numbers that make no measurement.
@@ -98,14 +103,32 @@ impl Settings {
             format!("{positions} positions a revolution do not show {harmonics} harmonics"),
             format!(
                 "choose positions = {}, or fewer harmonics",
-                (harmonics.max(1) * 9).div_ceil(2)
+                (9 * harmonics.max(1)).div_ceil(2)
             ),
         )?;
         Refused::unless(
-            self.indexes > 0 && self.revolutions > 0,
-            "indexes and revolutions must be 1 or more",
-            "correct them",
+            (1..=MAX_INDEXES).contains(&self.indexes)
+                && (1..=MAX_REVOLUTIONS).contains(&self.revolutions)
+                && positions <= MAX_POSITIONS,
+            "indexes and revolutions must be 1 or more, and no more than a run can have",
+            format!(
+                "choose at most {MAX_INDEXES} indexes, {MAX_REVOLUTIONS} revolutions, {MAX_POSITIONS} positions"
+            ),
         )?;
+        let declared = [
+            self.u_gain,
+            self.u_sensor_angle_deg,
+            self.u_section_distance_mm,
+            self.u_face_radius_mm,
+        ];
+        let of_stage =
+            [self.u_index_angle_deg, self.u_stage_um.unwrap_or(0.0), self.u_stage_tilt_urad];
+        Refused::unless(
+            declared.iter().chain(&of_stage).all(|u| *u >= 0.0 && u.is_finite()),
+            "a standard uncertainty (u_…) is negative or no number",
+            "correct it; 0 is exactly known",
+        )?;
+        Refused::unless_trials(self.monte_carlo_trials)?;
         Refused::unless(
             self.revolutions > 1 || self.both_directions,
             "one revolution shows no scatter, and its uncertainty is not known",

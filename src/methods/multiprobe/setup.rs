@@ -20,6 +20,8 @@ pub struct Setup<'a> {
     /// All axes at the start of a turn from zero, the measured one left out.
     pub at: Position,
     pub layout: ProbeLayout,
+    /// Where X and Y hold, machine frame, mm.
+    pub reference_mm: [f64; 3],
 }
 
 impl<'a> Setup<'a> {
@@ -60,7 +62,8 @@ impl<'a> Setup<'a> {
             },
         };
         let at: Position = at.only(|axis| axis != table.axis);
-        Ok(Self { plan, settings, axis: table.axis, at, layout })
+        let reference_mm = [line.point.x, line.point.y, layout.reference_z_mm];
+        Ok(Self { plan, settings, axis: table.axis, at, layout, reference_mm })
     }
 
     /// What the sensors and indexes do not separate, before anything moves.

@@ -3,13 +3,11 @@
 
 use std::f64::consts::PI;
 
-use estimation::revolutions::{HarmonicData, Row, RowRevolutions};
+use estimation::revolutions::{HarmonicData, Row};
 
 use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout, Surface};
-use crate::identification::declared::linearity_patterns;
 use crate::identification::{Effect, EvaluationType, UncertaintySource};
-use machine::record::sensor::Sensor;
 
 /// Whether the co-rotating first harmonic of the motions is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,7 +33,7 @@ pub struct SourceSizes {
     /// Drift of the artefact against the sensors along X, Y and Z during one revolution, net of
     /// revolutions in the other direction.
     pub drift_mm_per_revolution: f64,
-    /// Effects of the sensors' linearity errors on all observations, mm: of independent draws ([`linearity`]).
+    /// Effects of the sensors' linearity errors on all observations, mm: of independent draws.
     pub linearity: Vec<Vec<f64>>,
 }
 
@@ -129,32 +127,6 @@ fn gain_error(data: &HarmonicData, channel: usize, u: f64) -> Vec<f64> {
         observed.map(move |(i, m)| m * size(i)).collect::<Vec<f64>>()
     };
     (1..=data.orders()).flat_map(of).collect()
-}
-
-/// Effects of the linearity errors on all observations: of each sensor a smooth random function of its reading, the
-/// same in all rows, over their mean revolutions. `sensors`: in the order of the channels.
-pub fn linearity(
-    sensors: &[Sensor],
-    rows: &[RowRevolutions],
-    data: &HarmonicData,
-) -> Vec<Vec<f64>> {
-    let revolutions: Vec<Vec<f64>> = rows.iter().map(RowRevolutions::mean).collect();
-    let mut columns = Vec::new();
-    for (channel, sensor) in sensors.iter().enumerate() {
-        let is_own = |row: &RowRevolutions| row.row.channel == channel;
-        let own = rows.iter().zip(&revolutions).filter(|(row, _)| is_own(row));
-        let readings: Vec<f64> = own.flat_map(|(_, of)| of.iter().map(|m| -m)).collect();
-        for pattern in linearity_patterns(sensor, &readings) {
-            let mut errors = pattern.iter().map(|error| -error);
-            let mut of_row = |(row, of): (&RowRevolutions, &Vec<f64>)| match is_own(row) {
-                true => errors.by_ref().take(of.len()).collect(),
-                false => vec![0.0; of.len()],
-            };
-            let effects: Vec<Vec<f64>> = rows.iter().zip(&revolutions).map(&mut of_row).collect();
-            columns.push(data.observations_of(&effects));
-        }
-    }
-    columns
 }
 
 /// A displacement that grows in proportion to the angle, along X, Y and Z: over one revolution

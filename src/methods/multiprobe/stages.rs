@@ -2,6 +2,7 @@
 //! forward and backward.
 
 use super::centring::{CENTRING_POINTS, Centring};
+use super::checks::weak_points;
 use super::label::Label;
 use super::settings::TurnSampling;
 use super::setup::Setup;
@@ -30,13 +31,13 @@ pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
     let off = measured.filter(|centring| !centring.is_within(setup));
     let turn = Turn::new(setup)?;
     let (name, steps) = match (rounds, mounted, &off) {
-        (0, _, _) => ("centring".to_owned(), centring(setup, &turn, 1, first_text(setup))?),
+        (0, _, _) => ("centring".to_owned(), centring(setup, &turn, 1, first_text(setup)?)?),
         (rounds, 0, Some(off)) if rounds < MAX_CENTRING_ROUNDS => {
             ("centring, once more".to_owned(), centring(setup, &turn, rounds + 1, off.text(setup))?)
         }
-        (_, 0, Some(off)) => {
+        (_, 0, Some(_)) => {
             return Err(Refused::new(
-                format!("the artefact is still not centred: {}", off.text(setup)),
+                format!("the artefact is not centred after {rounds} rounds"),
                 "use a finer centring stage, or raise eccentricity_limit_um",
             ));
         }
@@ -51,13 +52,14 @@ pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
     Ok(Next::Stage { stage: Stage { id, name, repeat: 0, steps: ids, found: None }, new_steps })
 }
 
-fn first_text(setup: &Setup<'_>) -> String {
+fn first_text(setup: &Setup<'_>) -> Result<String, Refused> {
     let names: Vec<&str> = setup.plan.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-    format!(
+    Ok(format!(
         "Mount the datum cylinder at 0° of its indexing stage and centre it by hand. Set the sensors ({}) to the \
-         middle of their ranges. The table will turn once",
-        names.join(", ")
-    )
+         middle of their ranges. The table will turn once.{}",
+        names.join(", "),
+        weak_points(&setup.layout, setup.settings.harmonics)?
+    ))
 }
 
 /// The prompt and one revolution in few stops.

@@ -44,6 +44,7 @@ impl Default for Settings {
 
 /// Fewer stops do not separate the axis position from an error motion of low order.
 const MIN_POSITIONS: usize = 4;
+const MAX_POSITIONS: usize = 720;
 /// With an axis 5 mm from where it is stated the sphere moves by 2 mm/s against the sensors.
 const MAX_FEED_DEG_MIN: f64 = 1440.0;
 
@@ -54,19 +55,21 @@ impl Settings {
         let lengths = [self.calibration_mm, self.feed_mm_min, self.feed_deg_min];
         let is_positive = lengths.iter().all(|length| *length > 0.0) && self.samples > 0;
         Refused::unless(
-            is_positive && self.dwell_s >= 0.0,
-            "calibration_mm, feed_mm_min, feed_deg_min and samples must be greater than 0",
+            is_positive && self.dwell_s >= 0.0 && self.u_sphere_form_um >= 0.0,
+            "calibration_mm, feed_mm_min, feed_deg_min and samples must be greater than 0, dwell_s and u_sphere_form_um \
+             not negative",
             "correct them",
         )?;
+        Refused::unless_trials(self.monte_carlo_trials)?;
         Refused::unless(
             self.feed_deg_min <= MAX_FEED_DEG_MIN,
             format!("feed_deg_min = {} is too fast for sensors about a sphere", self.feed_deg_min),
             format!("choose feed_deg_min = {MAX_FEED_DEG_MIN} or less"),
         )?;
         Refused::unless(
-            self.positions >= MIN_POSITIONS,
-            format!("{} positions do not show the axis position", self.positions),
-            "choose positions = 24, or at least 4",
+            (MIN_POSITIONS..=MAX_POSITIONS).contains(&self.positions),
+            format!("{} positions of a revolution are too few or too many", self.positions),
+            "choose positions = 24, at least 4 and at most 720",
         )
     }
 }

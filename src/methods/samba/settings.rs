@@ -144,10 +144,6 @@ impl Settings {
             "form_limit_um and diameter_limit_um must be greater than 0",
             "leave them out, or choose about 15 and 30",
         )?;
-        Refused::unless(
-            self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
-            format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
-            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
-        )
+        Refused::unless_trials(self.monte_carlo_trials)
     }
 }

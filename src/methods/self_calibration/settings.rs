@@ -97,11 +97,7 @@ impl Settings {
             || "repeats must be at least 1 and at most 100, drift_order at most 3".to_owned(),
             "leave them out",
         )?;
-        must(
-            self.monte_carlo_trials == 0 || self.monte_carlo_trials >= 100,
-            || format!("{} Monte Carlo trials show no scatter", self.monte_carlo_trials),
-            "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
-        )
+        Refused::unless_trials(self.monte_carlo_trials)
     }
 
     /// Whether the touches reach the part, wherever it stands.
