@@ -1,13 +1,14 @@
 //! What a device sends unasked, as it comes, for as long as it likes: bytes with the time at which they
-//! were read. Nobody needs to read them; then the oldest are forgotten.
+//! were read. Nobody needs to read them; then the oldest are forgotten. Several handles may share one stream:
+//! each gets all bytes.
 
 use std::future::Future;
 use std::io;
-use std::sync::Arc;
+use std::sync::{Arc, Weak};
 
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::sync::broadcast::error::RecvError;
-use tokio::sync::{broadcast, mpsc, oneshot};
+use tokio::sync::{Mutex, broadcast, mpsc, oneshot};
 use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
@@ -32,11 +33,37 @@ type Heard = Result<(Instant, Arc<[u8]>), String>;
 
 /// The handle: bytes in and out.
 pub struct Flow {
-    name: String,
+    stream: Arc<SharedStream>,
     incoming: broadcast::Receiver<Heard>,
+    lost: Option<String>,
+}
+
+/// What all handles of one stream share.
+struct SharedStream {
+    name: String,
+    reads: broadcast::WeakSender<Heard>,
     outgoing: mpsc::UnboundedSender<Vec<u8>>,
     empty: mpsc::UnboundedSender<oneshot::Sender<()>>,
-    lost: Option<String>,
+    request_turn: Arc<Mutex<RequestTurn>>,
+}
+
+/// Held from a request to its reply: handles of one stream send requests one at a time.
+#[derive(Default)]
+pub struct RequestTurn {
+    /// A reply that did not come in time may still come.
+    pub reply_owed: bool,
+}
+
+/// Leads to an open stream, and does not keep it open.
+pub(super) struct WeakFlow(Weak<SharedStream>);
+
+impl WeakFlow {
+    /// One more handle; `None` where the stream is closed or lost. It gets what comes from now on.
+    pub(super) fn upgrade(&self) -> Option<Flow> {
+        let stream = self.0.upgrade()?;
+        let incoming = stream.reads.upgrade()?.subscribe();
+        Some(Flow { stream, incoming, lost: None })
+    }
 }
 
 impl Flow {
@@ -57,8 +84,8 @@ impl Flow {
     ) -> Result<Self, LinkError> {
         let (flow, ends) = Self::ends(name);
         let (opened, result) = oneshot::channel();
-        let fault = |source| LinkError::Open { address: flow.name.clone(), source };
-        let wired = Wiring::current().of(&flow.name, Speech::Lines);
+        let fault = |source| LinkError::Open { address: flow.stream.name.clone(), source };
+        let wired = Wiring::current().of(&flow.stream.name, Speech::Lines);
         start(ends, async move { wired.open(open).await }, opened).map_err(fault)?;
         result.await.map_err(|_| fault(io::Error::other("its thread has ended")))??;
         Ok(flow)
@@ -70,8 +97,19 @@ impl Flow {
         // Nothing overtakes: no move waits on a sensor's wire.
         let (_, urgent_queue) = mpsc::unbounded_channel();
         let (empty, emptied) = mpsc::unbounded_channel();
-        let flow = Self { name, incoming, outgoing, empty, lost: None };
+        let (reads_weak, request_turn) = (reads.downgrade(), Arc::default());
+        let stream =
+            Arc::new(SharedStream { name, reads: reads_weak, outgoing, empty, request_turn });
+        let flow = Self { stream, incoming, lost: None };
         (flow, Ends { sink: Reads(reads), queued, urgent_queue, emptied })
+    }
+
+    pub(super) fn downgrade(&self) -> WeakFlow {
+        WeakFlow(Arc::downgrade(&self.stream))
+    }
+
+    pub fn request_turn(&self) -> Arc<Mutex<RequestTurn>> {
+        self.stream.request_turn.clone()
     }
 
     /// Queue bytes; they are written whole, in order.
@@ -79,7 +117,7 @@ impl Flow {
     /// # Errors
     /// The link is lost.
     pub fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
-        self.outgoing.send(bytes.to_vec()).map_err(|_| self.gone())
+        self.stream.outgoing.send(bytes.to_vec()).map_err(|_| self.gone())
     }
 
     /// Forget what has come and was not taken, be it still in the kernel. (What an adapter holds back
@@ -89,7 +127,7 @@ impl Flow {
     /// The link is lost.
     pub async fn forget(&mut self) -> Result<(), LinkError> {
         let (told, emptied) = oneshot::channel();
-        if self.empty.send(told).is_ok() {
+        if self.stream.empty.send(told).is_ok() {
             // An owner that ends meanwhile is seen below.
             let _ = emptied.await;
         }
@@ -124,7 +162,7 @@ impl Flow {
 
     fn gone(&self) -> LinkError {
         let why = self.lost.clone().unwrap_or_else(|| "it was closed".to_owned());
-        LinkError::Lost { address: self.name.clone(), why }
+        LinkError::Lost { address: self.stream.name.clone(), why }
     }
 }
 
@@ -194,7 +232,7 @@ mod tests {
         let mut flow = Flow::over("a sensor", near);
         far.write_all(b"last words").await.unwrap();
         drop(far);
-        flow.outgoing.closed().await;
+        flow.stream.outgoing.closed().await;
         let error = flow.forget().await.unwrap_err();
         assert!(error.to_string().contains("the other side closed it"), "{error}");
     }

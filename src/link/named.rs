@@ -89,6 +89,14 @@ impl Named {
         }
     }
 
+    /// The speed that is set, where there is one.
+    pub fn baud(&self) -> Option<u32> {
+        match self {
+            Self::Serial { baud, .. } | Self::SerialId { baud, .. } => Some(*baud),
+            Self::Tcp(_) => None,
+        }
+    }
+
     /// The keys of a machine file's table that name this address.
     pub fn to_toml(&self) -> String {
         match self {

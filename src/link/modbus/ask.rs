@@ -22,6 +22,7 @@ pub(super) enum Ask {
 /// for each other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Shape {
+    pub(super) unit: u8,
     function: u8,
     /// Bytes of a read; 0 of a write, though its reply shows more.
     bytes: u16,
@@ -30,7 +31,7 @@ pub(super) struct Shape {
 impl Shape {
     /// An exception shows the function alone.
     pub(super) fn has_function_of(self, other: Self) -> bool {
-        self.function == other.function
+        (self.unit, self.function) == (other.unit, other.function)
     }
 }
 
@@ -52,14 +53,14 @@ impl Ask {
         }
     }
 
-    pub(super) fn shape(&self) -> Shape {
+    pub(super) fn shape(&self, unit: u8) -> Shape {
         let function = self.request().function_code().value();
         let bytes = match self {
             Self::Read { space: Space::Coil | Space::Discrete, count, .. } => count.div_ceil(8),
             Self::Read { count, .. } => 2 * count,
             Self::Write { .. } => 0,
         };
-        Shape { function, bytes }
+        Shape { unit, function, bytes }
     }
 
     /// The words of a reply that fits: as many as were asked for; of a write, the echo of address and

@@ -21,7 +21,6 @@ const CLEARINGS: usize = 3;
 pub(super) struct Exchange {
     line: Line,
     wired: Wired,
-    settings: Settings,
     wire: Option<Wire>,
     /// Over TCP it lives as long as the connection, for its transaction numbers.
     context: Option<Context>,
@@ -37,8 +36,8 @@ enum End {
 }
 
 impl Exchange {
-    pub(super) fn new(line: Line, wired: Wired, settings: Settings) -> Self {
-        Self { line, wired, settings, wire: None, context: None, owed: Vec::new(), latest: None }
+    pub(super) fn new(line: Line, wired: Wired) -> Self {
+        Self { line, wired, wire: None, context: None, owed: Vec::new(), latest: None }
     }
 
     /// # Errors
@@ -52,18 +51,19 @@ impl Exchange {
     pub(super) async fn perform(
         &mut self,
         ask: &Ask,
+        settings: &Settings,
         inbox: &mut Inbox,
     ) -> Result<Vec<u16>, ModbusError> {
         self.quieten().await?;
-        self.clear(ask, inbox).await?;
-        self.send(ask, inbox).await
+        self.clear(ask, settings, inbox).await?;
+        self.send(ask, settings, inbox).await
     }
 
     /// As `perform`, without asking first whether the line owes something: a hold does not wait.
-    pub(super) async fn perform_now(&mut self, ask: &Ask, inbox: &mut Inbox) {
+    pub(super) async fn perform_now(&mut self, ask: &Ask, settings: &Settings, inbox: &mut Inbox) {
         // Whether it arrived shows at the device alone.
         if self.quieten().await.is_ok() {
-            let _ = self.send(ask, inbox).await;
+            let _ = self.send(ask, settings, inbox).await;
         }
     }
 
@@ -99,30 +99,41 @@ impl Exchange {
     }
 
     /// A read whose reply nothing that is owed can be taken for.
-    fn probe(&self) -> Option<Ask> {
-        let mut probes = self.settings.allowed.small_reads();
-        probes.find(|probe| !self.owed.contains(&probe.shape()))
+    fn probe(&self, settings: &Settings) -> Option<Ask> {
+        let mut probes = settings.allowed.small_reads();
+        probes.find(|probe| !self.owed.contains(&probe.shape(settings.unit)))
     }
 
-    /// RTU: a reply of a shape that is not owed proves that all owed ones are gone.
-    async fn clear(&mut self, ask: &Ask, inbox: &mut Inbox) -> Result<(), ModbusError> {
+    fn is_owed_by(&self, unit: u8) -> bool {
+        self.owed.iter().any(|owed| owed.unit == unit)
+    }
+
+    fn forget_owed_by(&mut self, unit: u8) {
+        self.owed.retain(|owed| owed.unit != unit);
+    }
+
+    /// RTU: a reply of a shape that is not owed proves that all owed ones of its unit are gone.
+    async fn clear(
+        &mut self,
+        ask: &Ask,
+        settings: &Settings,
+        inbox: &mut Inbox,
+    ) -> Result<(), ModbusError> {
+        let unit = settings.unit;
         let mut why = String::new();
         for _ in 0..CLEARINGS {
-            if self.owed.is_empty() {
+            if !self.is_owed_by(unit) {
                 return Ok(());
             }
-            let Some(probe) = self.probe() else {
-                // Nothing tells them apart: a long quiet has to do.
-                self.wire.iter().for_each(Wire::hush);
-                self.wait_quietly(self.settings.timeout, inbox).await;
+            let Some(probe) = self.probe(settings) else {
+                self.wait_out(settings, inbox).await;
                 if inbox.has_come() {
                     why = "a hold goes first".to_owned();
                     break;
                 }
-                self.owed.clear();
                 return Ok(());
             };
-            if let Some(error) = self.ask_whether_clear(&probe, inbox).await {
+            if let Some(error) = self.ask_whether_clear(&probe, settings, inbox).await {
                 why = error.to_string();
                 if !matches!(error, ModbusError::Misfit { .. }) {
                     break;
@@ -134,23 +145,37 @@ impl Exchange {
                 break;
             }
         }
-        if self.owed.is_empty() {
+        if !self.is_owed_by(unit) {
             return Ok(());
         }
         Err(ModbusError::Unclear { request: ask.to_string(), why })
     }
 
+    /// Nothing tells the owed replies apart: a long quiet has to do, unless a hold wants to go out.
+    async fn wait_out(&mut self, settings: &Settings, inbox: &mut Inbox) {
+        self.wire.iter().for_each(Wire::hush);
+        self.wait_quietly(settings.timeout, inbox).await;
+        if !inbox.has_come() {
+            self.forget_owed_by(settings.unit);
+        }
+    }
+
     /// One question of `clear`; what went wrong with it, if it did.
-    async fn ask_whether_clear(&mut self, probe: &Ask, inbox: &mut Inbox) -> Option<ModbusError> {
-        let shape = probe.shape();
+    async fn ask_whether_clear(
+        &mut self,
+        probe: &Ask,
+        settings: &Settings,
+        inbox: &mut Inbox,
+    ) -> Option<ModbusError> {
+        let shape = probe.shape(settings.unit);
         let ambiguous = self.owed.iter().any(|owed| owed.has_function_of(shape));
-        match self.send(probe, inbox).await {
+        match self.send(probe, settings, inbox).await {
             Err(ModbusError::Refused { .. }) if ambiguous => self.owed.push(shape),
-            Ok(_) | Err(ModbusError::Refused { .. }) => self.owed.clear(),
+            Ok(_) | Err(ModbusError::Refused { .. }) => self.forget_owed_by(settings.unit),
             Err(error) => {
                 if matches!(error, ModbusError::Misfit { .. }) {
                     // That was an old one; its own may be on its way.
-                    self.wait_quietly(self.settings.timeout, inbox).await;
+                    self.wait_quietly(settings.timeout, inbox).await;
                 }
                 return Some(error);
             }
@@ -172,12 +197,17 @@ impl Exchange {
         }
     }
 
-    async fn send(&mut self, ask: &Ask, inbox: &mut Inbox) -> Result<Vec<u16>, ModbusError> {
-        let shape = ask.shape();
+    async fn send(
+        &mut self,
+        ask: &Ask,
+        settings: &Settings,
+        inbox: &mut Inbox,
+    ) -> Result<Vec<u16>, ModbusError> {
+        let shape = ask.shape(settings.unit);
         let request = ask.to_string();
         self.latest = Some(shape);
         let misfit = |why| ModbusError::Misfit { request: request.clone(), why };
-        let error = match self.call(ask, inbox).await {
+        let error = match self.call(ask, settings, inbox).await {
             End::Replied(Ok(Ok(reply))) => match ask.words(reply) {
                 Ok(words) => return Ok(words),
                 Err(why) => misfit(why),
@@ -207,12 +237,12 @@ impl Exchange {
         Err(error)
     }
 
-    async fn call(&mut self, ask: &Ask, inbox: &mut Inbox) -> End {
+    async fn call(&mut self, ask: &Ask, settings: &Settings, inbox: &mut Inbox) -> End {
         let Some(wire) = &self.wire else {
             let closed = std::io::Error::from(std::io::ErrorKind::NotConnected);
             return End::Replied(Err(closed.into()));
         };
-        let unit = Slave(self.settings.unit);
+        let unit = Slave(settings.unit);
         let framing = self.line.framing;
         let context = match framing {
             // Each request gets a decoder that has seen nothing else.
@@ -228,8 +258,8 @@ impl Exchange {
         // A call that is given up here takes its context with it.
         tokio::select! {
             biased;
-            replied = timeout(self.settings.timeout, context.call(ask.request())) => {
-                replied.map_or(End::Late(self.settings.timeout), End::Replied)
+            replied = timeout(settings.timeout, context.call(ask.request())) => {
+                replied.map_or(End::Late(settings.timeout), End::Replied)
             }
             () = hurry, if framing == Framing::Tcp => End::Late(GRACE),
         }

@@ -11,6 +11,9 @@
 //!   anything else, a read whose reply has another shape than all that are still owed: another function
 //!   or another count. A device answers in order; once *that* reply comes, no older one can follow.
 //!
+//! Handles of one RTU line may have units of their own. A reply shows its unit, so that a late one is never taken for
+//! that of another unit; the line is cleared before the next request to the unit that owes it.
+//!
 //! Before each RTU request the silence is kept as well, and whatever comes meanwhile (a reply sent
 //! twice) is thrown away. What remains: a reply that comes twice, the second time after the next
 //! request has gone out. Registers that count (a sequence, a heartbeat) must bind a value to its time.
@@ -68,9 +71,24 @@ pub struct Settings {
 /// The handle.
 pub struct Modbus {
     name: String,
-    allowed: Arc<Allowed>,
+    settings: Arc<Settings>,
     jobs: mpsc::UnboundedSender<Job>,
     urgent: mpsc::UnboundedSender<Ahead>,
+}
+
+/// Leads to an open line, and does not keep it open.
+pub(super) struct WeakModbus {
+    name: String,
+    jobs: mpsc::WeakUnboundedSender<Job>,
+    urgent: mpsc::WeakUnboundedSender<Ahead>,
+}
+
+impl WeakModbus {
+    /// One more handle, to the device of `settings`; `None` where the line is closed.
+    pub(super) fn upgrade(&self, settings: Settings) -> Option<Modbus> {
+        let (jobs, urgent) = (self.jobs.upgrade()?, self.urgent.upgrade()?);
+        Some(Modbus { name: self.name.clone(), settings: Arc::new(settings), jobs, urgent })
+    }
 }
 
 /// One write that goes ahead of everything that is queued, from any thread, without blocking: a hold.
@@ -81,11 +99,14 @@ pub struct Modbus {
 #[derive(Clone)]
 pub struct Urgent {
     ask: Ask,
+    settings: Arc<Settings>,
     queue: mpsc::UnboundedSender<Ahead>,
 }
 
 struct Job {
     ask: Ask,
+    /// Of the device that it is for.
+    settings: Arc<Settings>,
     /// A write is read back.
     read_back: bool,
     answer: oneshot::Sender<Result<Vec<u16>, ModbusError>>,
@@ -93,18 +114,24 @@ struct Job {
 
 struct Ahead {
     ask: Ask,
+    settings: Arc<Settings>,
     last: bool,
 }
 
 impl Urgent {
     pub fn send(&self) {
-        let _ = self.queue.send(Ahead { ask: self.ask.clone(), last: false });
+        self.queue(false);
     }
 
     /// As `send`, and every other write that is queued or will be is refused
     /// ([`ModbusError::Held`]); reads go on.
     pub fn send_and_close(&self) {
-        let _ = self.queue.send(Ahead { ask: self.ask.clone(), last: true });
+        self.queue(true);
+    }
+
+    fn queue(&self, last: bool) {
+        let (ask, settings) = (self.ask.clone(), self.settings.clone());
+        let _ = self.queue.send(Ahead { ask, settings, last });
     }
 }
 
@@ -116,11 +143,15 @@ impl Modbus {
     /// What opening says; whether a device answers shows with the first request.
     pub async fn open(line: Line, settings: Settings) -> Result<Self, ModbusError> {
         let name = line.to_string();
-        let allowed = Arc::new(settings.allowed.clone());
         let (jobs, queue) = mpsc::unbounded_channel();
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
-        owner::start(line, settings, owner::Ends { queue, urgent_queue }).await?;
-        Ok(Self { name, allowed, jobs, urgent })
+        owner::start(line, owner::Ends { queue, urgent_queue }).await?;
+        Ok(Self { name, settings: Arc::new(settings), jobs, urgent })
+    }
+
+    pub(super) fn downgrade(&self) -> WeakModbus {
+        let (jobs, urgent) = (self.jobs.downgrade(), self.urgent.downgrade());
+        WeakModbus { name: self.name.clone(), jobs, urgent }
     }
 
     /// `count` registers from `address` on (counted from 0).
@@ -158,15 +189,17 @@ impl Modbus {
     /// It is not allowed.
     pub fn urgent(&self, address: u16, words: &[u16]) -> Result<Urgent, ModbusError> {
         let ask = Ask::Write { address, words: words.to_vec() };
-        self.allowed.check(&ask)?;
-        Ok(Urgent { ask, queue: self.urgent.clone() })
+        self.settings.allowed.check(&ask)?;
+        let (settings, queue) = (self.settings.clone(), self.urgent.clone());
+        Ok(Urgent { ask, settings, queue })
     }
 
     async fn ask(&self, ask: Ask, read_back: bool) -> Result<Vec<u16>, ModbusError> {
-        self.allowed.check(&ask)?;
+        self.settings.allowed.check(&ask)?;
         let ended = || ModbusError::Ended { link: self.name.clone() };
         let (answer, result) = oneshot::channel();
-        self.jobs.send(Job { ask, read_back, answer }).map_err(|_| ended())?;
+        let settings = self.settings.clone();
+        self.jobs.send(Job { ask, settings, read_back, answer }).map_err(|_| ended())?;
         result.await.map_err(|_| ended())?
     }
 }

@@ -18,7 +18,7 @@ pub(super) struct Ends {
 }
 
 /// Start the thread and let it open its line.
-pub(super) async fn start(line: Line, settings: Settings, ends: Ends) -> Result<(), ModbusError> {
+pub(super) async fn start(line: Line, ends: Ends) -> Result<(), ModbusError> {
     let name = line.to_string();
     let fault = |source| LinkError::Open { address: name.clone(), source };
     let (opened, result) = oneshot::channel();
@@ -26,7 +26,7 @@ pub(super) async fn start(line: Line, settings: Settings, ends: Ends) -> Result<
         tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(fault)?;
     let wired = Wiring::current().of(&name, line.speech());
     let own = async move {
-        let mut exchange = Exchange::new(line, wired, settings);
+        let mut exchange = Exchange::new(line, wired);
         if let Err(error) = exchange.open().await {
             return drop(opened.send(Err(error)));
         }
@@ -67,20 +67,20 @@ impl Owner {
     }
 
     async fn go_ahead(&mut self) {
-        while let Some(Ahead { ask, last }) = self.inbox.pop() {
+        while let Some(Ahead { ask, settings, last }) = self.inbox.pop() {
             self.held |= last;
-            self.exchange.perform_now(&ask, &mut self.inbox).await;
+            self.exchange.perform_now(&ask, &settings, &mut self.inbox).await;
         }
     }
 
     async fn serve(&mut self, job: Job) {
-        let Job { ask, read_back, answer } = job;
+        let Job { ask, settings, read_back, answer } = job;
         let result = match (&ask, self.held) {
             (Ask::Write { .. }, true) => Err(ModbusError::Held { request: ask.to_string() }),
             (Ask::Write { address, words }, false) if read_back => {
-                self.write(&ask, *address, words).await
+                self.write(&ask, &settings, *address, words).await
             }
-            _ => self.exchange.perform(&ask, &mut self.inbox).await,
+            _ => self.exchange.perform(&ask, &settings, &mut self.inbox).await,
         };
         // Nobody waits any more: the work was done all the same.
         let _ = answer.send(result);
@@ -90,14 +90,15 @@ impl Owner {
     async fn write(
         &mut self,
         ask: &Ask,
+        settings: &Settings,
         address: u16,
         words: &[u16],
     ) -> Result<Vec<u16>, ModbusError> {
         let request = ask.to_string();
-        self.exchange.perform(ask, &mut self.inbox).await?;
+        self.exchange.perform(ask, settings, &mut self.inbox).await?;
         let count = u16::try_from(words.len()).unwrap_or(u16::MAX);
         let back = Ask::Read { space: Space::Holding, address, count };
-        match self.exchange.perform(&back, &mut self.inbox).await {
+        match self.exchange.perform(&back, settings, &mut self.inbox).await {
             Ok(read) if read == words => Ok(read),
             Ok(read) => Err(ModbusError::NotAsWritten { request, written: words.to_vec(), read }),
             Err(source) => Err(ModbusError::NotReadBack { request, source: Box::new(source) }),

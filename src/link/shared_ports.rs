@@ -1,0 +1,71 @@
+//! Ports that several devices share: a serial port, or a converter behind TCP, is opened once, and whoever names it
+//! gets a handle of his own.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use tokio::sync::Mutex;
+
+use super::flow::WeakFlow;
+use super::modbus::{Framing, Line, Modbus, ModbusError, Settings, WeakModbus};
+use super::{Address, Flow, LinkError, listen};
+
+/// The open ports. A port is closed with the last of its handles; one that is lost is opened anew by the next
+/// device that asks for it.
+#[derive(Clone, Default)]
+pub struct SharedPorts(Arc<Mutex<OpenPorts>>);
+
+#[derive(Default)]
+struct OpenPorts {
+    flows: BTreeMap<String, WeakFlow>,
+    modbus: BTreeMap<String, WeakModbus>,
+}
+
+impl SharedPorts {
+    /// A handle to the stream at `address`, which is opened unless it is open.
+    ///
+    /// # Errors
+    /// What opening says.
+    pub async fn listen(&self, address: &Address) -> Result<Flow, LinkError> {
+        let mut open = self.0.lock().await;
+        let key = port_key(address);
+        if let Some(flow) = open.flows.get(&key).and_then(WeakFlow::upgrade) {
+            return Ok(flow);
+        }
+        let flow = listen(address).await?;
+        open.flows.insert(key, flow.downgrade());
+        Ok(flow)
+    }
+
+    /// A handle to the device of `settings` on `line`. An RTU line is opened unless it is open; over Modbus TCP
+    /// each device has its own connection.
+    ///
+    /// # Errors
+    /// What opening says.
+    pub async fn modbus(&self, line: Line, settings: Settings) -> Result<Modbus, ModbusError> {
+        if line.framing == Framing::Tcp {
+            return Modbus::open(line, settings).await;
+        }
+        let mut open = self.0.lock().await;
+        let port = line.at.address().map_or_else(|_| line.to_string(), |at| port_key(&at));
+        let key = format!("{port} {:?}", line.parity);
+        if let Some(link) = open.modbus.get(&key).and_then(|weak| weak.upgrade(settings.clone())) {
+            return Ok(link);
+        }
+        let link = Modbus::open(line, settings).await?;
+        open.modbus.insert(key, link.downgrade());
+        Ok(link)
+    }
+}
+
+/// The same for all names of one port.
+fn port_key(address: &Address) -> String {
+    match address {
+        Address::Serial { path, baud } => {
+            let real = std::fs::canonicalize(Path::new(path)).unwrap_or_else(|_| path.into());
+            format!("{} {baud}", real.display())
+        }
+        Address::Tcp { .. } => address.to_string(),
+    }
+}
