@@ -8,6 +8,8 @@ mod error;
 pub mod machine_file;
 mod rehearsal;
 mod sensors;
+#[cfg(test)]
+mod sensors_tests;
 mod simulated;
 mod site;
 mod thermometers;

@@ -7,9 +7,8 @@ use super::machine_file::{Reached, SensorEntry};
 use super::simulated::View;
 use super::{MachineFile, SetupError, world};
 use devices::sensors::{Sensor, SensorError};
-use link::Clock;
 use link::clock::HostClock;
-use link::{Talk, Wiring};
+use link::{Clock, SharedPorts, Talk, Wiring};
 use simulator::World;
 
 /// The sensor `name` alone: its machine is not opened. A simulated one sees what it would before anything
@@ -35,12 +34,15 @@ pub struct Sensors {
     world: Option<Arc<Mutex<World>>>,
     /// That of the control: sensors are opened when a run looks with them.
     wiring: Wiring,
+    /// Several sensors may be on one port.
+    ports: SharedPorts,
 }
 
 impl Sensors {
     /// None.
     pub(super) fn none(clock: Arc<dyn Clock>) -> Self {
-        Self { entries: Vec::new(), clock, world: None, wiring: Wiring::current() }
+        let (entries, ports) = (Vec::new(), SharedPorts::default());
+        Self { entries, clock, world: None, wiring: Wiring::current(), ports }
     }
 
     pub(super) fn of(self, entries: &[SensorEntry]) -> Self {
@@ -80,7 +82,7 @@ impl Sensors {
             (Reached::Simulated(simulated), Some(world)) => {
                 simulated.open(sensor, view(world)).await
             }
-            (Reached::Real(real), _) => real.open(sensor, self.clock.clone()).await,
+            (Reached::Real(real), _) => real.open(sensor, self.clock.clone(), &self.ports).await,
             (Reached::Simulated(_), None) => {
                 Err(SensorError::NothingToSee { name: name.to_owned() })
             }

@@ -11,8 +11,7 @@ use std::sync::Arc;
 
 use tokio::sync::{mpsc, oneshot};
 
-use link::Clock;
-use link::Talk;
+use link::{Clock, SharedPorts, Talk};
 use machine::record::reading::Flag;
 use machine::record::sensor;
 
@@ -24,6 +23,7 @@ mod layout;
 #[cfg(test)]
 mod layout_tests;
 pub mod modbus;
+mod port;
 pub mod serial;
 mod tally;
 #[cfg(test)]
@@ -32,15 +32,25 @@ pub mod thermometer;
 mod told;
 
 pub use error::SensorError;
+pub use port::Port;
 pub use tally::Tally;
 
 /// A sensor as one of the tables of `[[sensor]]` names it. What stands there is its room's own matter.
 pub trait Named: fmt::Debug + Send + Sync {
     /// Where it is reached, in words.
     fn at(&self) -> String;
-    /// Open its link and start its task. Its samples have the time of `clock`. Call inside a tokio
-    /// runtime.
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a>;
+    /// The port that other sensors may share with it.
+    fn port(&self) -> Option<Port> {
+        None
+    }
+    /// Open its link, or share one of `ports`, and start its task. Its samples have the time of `clock`. Call
+    /// inside a tokio runtime.
+    fn open<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        ports: &'a SharedPorts,
+    ) -> Opening<'a>;
 }
 
 pub type Opening<'a> = Pin<Box<dyn Future<Output = Result<Sensor, SensorError>> + Send + 'a>>;

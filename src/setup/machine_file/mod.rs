@@ -110,6 +110,7 @@ impl MachineFile {
         let sensors: Vec<SensorEntry> =
             document.section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
         check::alone(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
+        sensor::check_ports(&document, &sensors)?;
         let thermometers: Vec<thermometer::Entry> =
             document.section(&["thermometer"], Deserialize::deserialize)?.unwrap_or_default();
         check::alone(&document, "thermometer", thermometers.iter().map(|entry| &entry.name))?;

@@ -4,9 +4,11 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use devices::sensors::{Named, can, modbus, serial};
+use devices::sensors::{Named, Port, can, modbus, serial};
 use machine::record::sensor::{self, Mount, SensorKind};
 
+use super::document::Document;
+use super::error::{MachineFileError, Problem};
 use crate::setup::simulated::SimulatedSensor;
 
 /// A sensor as `[[sensor]]` states it.
@@ -27,6 +29,13 @@ pub enum Reached {
 }
 
 impl Reached {
+    fn port(&self) -> Option<Port> {
+        match self {
+            Self::Simulated(_) => None,
+            Self::Real(real) => real.port(),
+        }
+    }
+
     /// Where, in words.
     pub fn at(&self) -> String {
         match self {
@@ -34,6 +43,22 @@ impl Reached {
             Self::Real(real) => real.at(),
         }
     }
+}
+
+/// Sensors of one port have the same settings of it.
+pub fn check_ports(document: &Document, sensors: &[SensorEntry]) -> Result<(), MachineFileError> {
+    let ports: Vec<_> = sensors.iter().map(|entry| entry.reached.port()).collect();
+    for (index, own) in ports.iter().enumerate() {
+        let earlier = sensors.iter().zip(&ports).take(index);
+        let mut conflicts = earlier
+            .filter_map(|(entry, port)| own.as_ref()?.conflict(&entry.sensor.name, port.as_ref()?));
+        if let (Some(why), Some(entry)) = (conflicts.next(), sensors.get(index)) {
+            let why = format!("`{}` {why}", entry.sensor.name);
+            let problem = Problem::Section { section: "sensor".to_owned(), why };
+            return Err(document.error_at_entry(&["sensor"], index, "name", problem));
+        }
+    }
+    Ok(())
 }
 
 /// The keys of [`sensor::Sensor`], and one table for each way to reach one. A new kind of sensor is a

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use devices::sensors::SensorError;
 use devices::sensors::modbus::{self, Registers};
 use devices::sensors::serial::{self, Serial};
-use link::Clock;
+use link::{Clock, SharedPorts};
 use machine::record::sensor;
 use serde::de::DeserializeOwned;
 use simulator::sensors::modbus::{DATA_SHEET, Measures, serve_on_pty, serve_on_tcp};
@@ -81,7 +81,7 @@ pub async fn serial(
     };
     let sheet = simulated_serial::data_sheet(format);
     let config: serial::Config = data_sheet(&format!("{}{sheet}", at.to_toml()))?;
-    let serial = Serial::open(config, sensor, clock).await;
+    let serial = Serial::open(config, sensor, clock, SharedPorts::default()).await;
     // The driver holds the pseudo-terminal open now.
     drop(keep);
     serial

@@ -6,6 +6,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 
 use devices::sensors::serial::{Config, Serial};
+use link::SharedPorts;
 use link::clock::HostClock;
 use machine::record::sensor::Sensor;
 use serde::de::DeserializeOwned;
@@ -73,7 +74,8 @@ impl Peer {
     async fn waiting(&self, timeout_s: f64, keys: &str) -> Serial {
         let keys = format!("serial = \"{}\"\ntimeout_s = {timeout_s:?}\n{keys}", self.path);
         let config: Config = toml::from_str(&keys).unwrap();
-        Serial::open(config, &sensor(), Arc::new(HostClock::start())).await.unwrap()
+        let clock = Arc::new(HostClock::start());
+        Serial::open(config, &sensor(), clock, SharedPorts::default()).await.unwrap()
     }
 
     /// The answer to a command comes when it is done.

@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use devices::sensors::{Named, Opening, can};
-use link::Clock;
 use link::can::{Can, CanError, Frame, Heard, Id};
+use link::{Clock, SharedPorts};
 use machine::record::sensor;
 use simulator::Sensed;
 use simulator::sensors::modbus::{Measures, serve_on_tcp};
@@ -74,7 +74,12 @@ impl Named for Bus {
         "frames 181 on CAN interface can0".to_owned()
     }
 
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+    fn open<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        _: &'a SharedPorts,
+    ) -> Opening<'a> {
         Box::pin(async move {
             let config: can::Config = toml::from_str(&self.sheet).unwrap();
             Ok(config.over((self.hears)()?, sensor, clock, None))

@@ -6,8 +6,8 @@ use std::sync::{Arc, Mutex};
 
 use devices::controllers::{self, Controller, ControllerError, Halt, Introduction, Look};
 use devices::sensors::{self, Sample, Sensor, SensorError};
-use link::Clock;
 use link::LinkError;
+use link::{Clock, SharedPorts};
 use machine::record::motion::{Motion, Outcome};
 use machine::record::reading::Flag;
 use machine::record::sensor;
@@ -153,7 +153,12 @@ impl sensors::Named for Eye {
         "this test".to_owned()
     }
 
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, _: Arc<dyn Clock>) -> sensors::Opening<'a> {
+    fn open<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        _: Arc<dyn Clock>,
+        _: &'a SharedPorts,
+    ) -> sensors::Opening<'a> {
         let eye = self.clone();
         Box::pin(async move { Ok(Sensor::spawn(sensor.name.clone(), eye)) })
     }

@@ -8,8 +8,8 @@ use super::bus::Bus;
 use crate::sensors::follow::Counting;
 use crate::sensors::layout::Layout;
 use crate::sensors::{Driver as Seam, Named, Opening, Prepared, Sample, Sensor, SensorError};
-use link::Clock;
 use link::can::{Can, Frame, Heard, Id};
+use link::{Clock, SharedPorts};
 use machine::record::reading::Flag;
 use machine::record::sensor;
 
@@ -171,7 +171,13 @@ impl Named for Config {
         format!("frames {} on CAN interface {}", self.id, self.interface)
     }
 
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+    /// The kernel gives each listener its own copy of a frame: nothing is shared here.
+    fn open<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        _: &'a SharedPorts,
+    ) -> Opening<'a> {
         Box::pin(async move {
             let can = self.listen(clock.clone())?;
             Ok(self.over(can, sensor, clock, None))

@@ -6,6 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use super::map::{CounterKeys, Map, StatusKeys, ValueKeys};
+use crate::sensors::Port;
 use link::HostPort;
 use link::modbus::{Allowed, Device, DeviceKeys, Framing, Parity, Settings, Space};
 
@@ -78,5 +79,17 @@ impl Config {
     pub(super) fn settings(&self) -> Settings {
         let allowed = Allowed { read: vec![self.map.span], write: Vec::new() };
         Settings { unit: self.device.unit, timeout: self.device.timeout, allowed }
+    }
+
+    /// An RTU line, which units may share; over Modbus TCP each sensor has its own connection.
+    pub(super) fn shared_port(&self) -> Option<Port> {
+        let Device { line, .. } = &self.device;
+        let parity = format!("{:?}", line.parity).to_lowercase();
+        let keys = vec![
+            ("its table", "[sensor.modbus]".to_owned()),
+            ("`baud`", line.at.baud().map_or("none".to_owned(), |baud| baud.to_string())),
+            ("`parity`", parity),
+        ];
+        (line.framing == Framing::Rtu).then(|| Port { name: line.to_string(), keys })
     }
 }

@@ -8,9 +8,9 @@ use super::Config;
 use super::standing::Standing;
 use crate::sensors::follow::Counting;
 use crate::sensors::layout::Decoded;
-use crate::sensors::{Driver, Named, Opening, Prepared, Sample, Sensor, SensorError};
-use link::Clock;
+use crate::sensors::{Driver, Named, Opening, Port, Prepared, Sample, Sensor, SensorError};
 use link::modbus::{Modbus, ModbusError};
+use link::{Clock, SharedPorts};
 use machine::record::reading::Flag;
 use machine::record::sensor;
 
@@ -44,7 +44,17 @@ impl Registers {
         simulated_hz: Option<f64>,
     ) -> Result<Self, SensorError> {
         let link = Modbus::open(config.device.line.clone(), config.settings()).await?;
-        Ok(Self {
+        Ok(Self::over(link, config, sensor, clock, simulated_hz))
+    }
+
+    fn over(
+        link: Modbus,
+        config: Config,
+        sensor: &sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        simulated_hz: Option<f64>,
+    ) -> Self {
+        Self {
             range_mm: sensor.range_mm,
             clock,
             link,
@@ -57,7 +67,7 @@ impl Registers {
             simulated_hz,
             next_read: Instant::now(),
             config,
-        })
+        }
     }
 
     /// The registers, not before it is their time.
@@ -194,9 +204,19 @@ impl Named for Config {
         self.device.in_full()
     }
 
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+    fn port(&self) -> Option<Port> {
+        self.shared_port()
+    }
+
+    fn open<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        ports: &'a SharedPorts,
+    ) -> Opening<'a> {
         Box::pin(async move {
-            let driver = Registers::open(self.clone(), sensor, clock, None).await?;
+            let link = ports.modbus(self.device.line.clone(), self.settings()).await?;
+            let driver = Registers::over(link, self.clone(), sensor, clock, None);
             Ok(Sensor::spawn(sensor.name.as_str(), driver))
         })
     }

@@ -44,6 +44,12 @@ pub(super) struct Checksum {
 }
 
 impl Checksum {
+    /// With its keys, in words.
+    pub fn in_full(&self) -> String {
+        let Self { kind, order, with_sync } = self;
+        format!("{kind:?}, order {order:?}, with_sync {with_sync}").to_lowercase()
+    }
+
     /// Bytes.
     pub fn width(&self) -> usize {
         match self.kind {

@@ -7,6 +7,7 @@ use serde::Deserialize;
 
 use super::form::Form;
 use super::{frame, line};
+use crate::sensors::Port;
 use link::HostPort;
 
 const USUAL_BAUD: u32 = 115_200;
@@ -82,11 +83,20 @@ impl TryFrom<Keys> for Config {
 }
 
 impl Config {
-    /// The speed that is set, where there is one.
-    pub(super) fn baud(&self) -> Option<u32> {
-        match self.at {
-            link::Named::Serial { baud, .. } | link::Named::SerialId { baud, .. } => Some(baud),
-            link::Named::Tcp(_) => None,
+    /// With what sensors that share the port must have alike. One that answers requests reads its own replies
+    /// alone, so that their form is its own matter.
+    pub(super) fn shared_port(&self) -> Port {
+        let seconds = self.timeout.as_secs_f64();
+        let request = if self.request.is_some() { "set" } else { "not set" };
+        let mut keys = vec![
+            ("its table", "[sensor.serial]".to_owned()),
+            ("`baud`", self.at.baud().map_or("none".to_owned(), |baud| baud.to_string())),
+            ("`timeout_s`", seconds.to_string()),
+            ("`request`", request.to_owned()),
+        ];
+        if self.request.is_none() {
+            keys.extend(self.form.framing());
         }
+        Port { name: self.at.to_string(), keys }
     }
 }

@@ -10,9 +10,10 @@ use super::cut::{Cutter, Piece};
 use super::suspect::Heard;
 use crate::sensors::follow::Counting;
 use crate::sensors::layout::Decoded;
-use crate::sensors::{Driver, MOST_SILENT, Named, Opening, Prepared, Sample, Sensor, SensorError};
-use link::Clock;
-use link::{Came, Flow};
+use crate::sensors::{
+    Driver, MOST_SILENT, Named, Opening, Port, Prepared, Sample, Sensor, SensorError,
+};
+use link::{Came, Clock, Flow, SharedPorts};
 use machine::record::reading::Flag;
 use machine::record::sensor;
 
@@ -31,6 +32,8 @@ pub struct Serial {
     config: Config,
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
+    /// Other sensors may be on the same port.
+    ports: SharedPorts,
     flow: Option<Flow>,
     cutter: Cutter,
     counting: Counting,
@@ -41,12 +44,10 @@ pub struct Serial {
     simulated_hz: Option<f64>,
     /// No request goes out before.
     next_request: Instant,
-    /// An answer that did not come in time may still come.
-    owed: bool,
 }
 
 impl Serial {
-    /// Open where `config` says.
+    /// Open where `config` says, or share what is open there.
     ///
     /// # Errors
     /// What opening says.
@@ -54,8 +55,9 @@ impl Serial {
         config: Config,
         sensor: &sensor::Sensor,
         clock: Arc<dyn Clock>,
+        ports: SharedPorts,
     ) -> Result<Self, SensorError> {
-        let mut serial = Self::new(config, sensor, clock);
+        let mut serial = Self { ports, ..Self::new(config, sensor, clock) };
         serial.reopen().await?;
         Ok(serial)
     }
@@ -76,6 +78,7 @@ impl Serial {
         Self {
             range_mm: sensor.range_mm,
             clock,
+            ports: SharedPorts::default(),
             flow: None,
             cutter: Cutter::new(config.form.clone()),
             counting: Counting::new(config.form.round()),
@@ -83,7 +86,6 @@ impl Serial {
             heard: Heard::default(),
             simulated_hz: None,
             next_request: Instant::now(),
-            owed: false,
             config,
         }
     }
@@ -91,7 +93,7 @@ impl Serial {
     async fn reopen(&mut self) -> Result<(), SensorError> {
         self.flow = None;
         let address = self.config.at.address()?;
-        self.flow = Some(link::listen(&address).await?);
+        self.flow = Some(self.ports.listen(&address).await?);
         Ok(())
     }
 
@@ -106,23 +108,38 @@ impl Serial {
         Ok(())
     }
 
-    /// Send the request, if it needs one, on a line that owes nothing.
-    async fn ask(&mut self) -> Result<(), SensorError> {
-        let Some(request) = self.config.request.clone() else { return Ok(()) };
+    /// The next piece that can be understood, after a request if the sensor needs one; `None`: not before
+    /// `deadline`, by default the sensor's time-out.
+    async fn query(
+        &mut self,
+        deadline: Option<Instant>,
+    ) -> Result<Option<(Instant, Decoded)>, SensorError> {
+        let timeout = self.config.timeout;
+        let Some(request) = self.config.request.clone() else {
+            return self.said(deadline.unwrap_or_else(|| Instant::now() + timeout)).await;
+        };
         // A timer's shortest wait is a millisecond.
         if Instant::now() < self.next_request {
             sleep_until(self.next_request).await;
         }
-        if std::mem::take(&mut self.owed) {
+        let mut turn = self.flow()?.request_turn().lock_owned().await;
+        if std::mem::take(&mut turn.reply_owed) {
             self.fall_quiet().await?;
         }
+        self.request(&request).await?;
+        let said = self.said(deadline.unwrap_or_else(|| Instant::now() + timeout)).await?;
+        turn.reply_owed = said.is_none();
+        Ok(said)
+    }
+
+    async fn request(&mut self, request: &[u8]) -> Result<(), SensorError> {
         self.next_request = Instant::now() + self.config.pace;
         self.ready.clear();
         self.cutter.begin(false);
         // What came unasked is no answer.
         let flow = self.flow()?;
         flow.forget().await?;
-        flow.send(&request)?;
+        flow.send(request)?;
         Ok(())
     }
 
@@ -195,8 +212,7 @@ impl Serial {
         let end = begun + LISTEN.max(self.config.timeout);
         let (mut times, mut stood) = (Vec::new(), 0);
         while times.len() < ENOUGH && Instant::now() < end {
-            self.ask().await?;
-            let Some((at, said)) = self.said(end).await? else { break };
+            let Some((at, said)) = self.query(Some(end)).await? else { break };
             self.counting.follow(0.0, said);
             stood += usize::from(self.counting.stands());
             times.push(at);
@@ -226,7 +242,7 @@ impl Driver for Serial {
             return Err(SensorError::Silent { seconds });
         }
         if count == 0 || self.heard.is_noise() {
-            return Err(self.heard.suspect(&self.config.form, self.config.baud()));
+            return Err(self.heard.suspect(&self.config.form, self.config.at.baud()));
         }
         let measured = if span.is_zero() { 0.0 } else { (count - 1) as f64 / span.as_secs_f64() };
         let rate_hz = self.simulated_hz.unwrap_or(measured);
@@ -247,14 +263,12 @@ impl Driver for Serial {
     }
 
     async fn next(&mut self) -> Result<Sample, SensorError> {
-        self.ask().await?;
-        match self.said(Instant::now() + self.config.timeout).await? {
+        match self.query(None).await? {
             Some((at, said)) => {
                 let said = said.within(self.range_mm);
                 Ok(self.counting.follow(self.time_of(at), said))
             }
             None => {
-                self.owed = self.config.request.is_some();
                 let t_s = self.clock.now_s();
                 Ok(Sample { t_s, value_mm: None, flag: Flag::Stale, missing: 0 })
             }
@@ -271,9 +285,18 @@ impl Named for Config {
         self.at.in_full()
     }
 
-    fn open<'a>(&'a self, sensor: &'a sensor::Sensor, clock: Arc<dyn Clock>) -> Opening<'a> {
+    fn port(&self) -> Option<Port> {
+        Some(self.shared_port())
+    }
+
+    fn open<'a>(
+        &'a self,
+        sensor: &'a sensor::Sensor,
+        clock: Arc<dyn Clock>,
+        ports: &'a SharedPorts,
+    ) -> Opening<'a> {
         Box::pin(async move {
-            let driver = Serial::open(self.clone(), sensor, clock).await?;
+            let driver = Serial::open(self.clone(), sensor, clock, ports.clone()).await?;
             Ok(Sensor::spawn(sensor.name.as_str(), driver))
         })
     }

@@ -17,4 +17,12 @@ impl Form {
             Self::Frame(layout) => layout.round(),
         }
     }
+
+    /// The keys by which what comes is cut into lines or frames, with their values.
+    pub fn framing(&self) -> Vec<(&'static str, String)> {
+        match self {
+            Self::Line(layout) => layout.framing().to_vec(),
+            Self::Frame(layout) => layout.framing().to_vec(),
+        }
+    }
 }

@@ -40,6 +40,18 @@ impl Layout {
         self.numbers.counter_width().map(|width| 1 << width)
     }
 
+    /// What sensors of one port must have alike.
+    pub fn framing(&self) -> [(&'static str, String); 5] {
+        let checksum = self.checksum.as_ref();
+        [
+            ("its table", "[sensor.serial.frame]".to_owned()),
+            ("`sync`", format!("{:02X?}", self.sync)),
+            ("`length`", self.length.to_string()),
+            ("`tail`", format!("{:02X?}", self.tail)),
+            ("`checksum`", checksum.map_or("not set".to_owned(), Checksum::in_full)),
+        ]
+    }
+
     /// Bytes of a whole frame.
     pub fn whole(&self) -> usize {
         let check = self.checksum.as_ref().map_or(0, Checksum::width);

@@ -99,6 +99,19 @@ impl Layout {
         self.counter.map(|counter| counter.round)
     }
 
+    /// What sensors of one port must have alike.
+    pub fn framing(&self) -> [(&'static str, String); 6] {
+        let or_none = |text: Option<String>| text.unwrap_or("not set".to_owned());
+        [
+            ("its table", "[sensor.serial.line]".to_owned()),
+            ("`end`", format!("\"{}\"", self.end.escape_ascii())),
+            ("`prefix`", format!("{:?}", self.prefix)),
+            ("`suffix`", format!("{:?}", self.suffix)),
+            ("`separator`", or_none(self.separator.as_ref().map(|text| format!("{text:?}")))),
+            ("`columns`", or_none(self.columns.map(|count| count.to_string()))),
+        ]
+    }
+
     /// A line without its end; `None`: it cannot be understood.
     pub fn read(&self, line: &[u8]) -> Option<Decoded> {
         let text = std::str::from_utf8(line).ok()?;

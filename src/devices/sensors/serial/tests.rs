@@ -12,7 +12,7 @@ use super::cut::{Cutter, Piece};
 use super::driver::Serial;
 use crate::sensors::{Driver, Sample, SensorError};
 use link::clock::HostClock;
-use link::{Pty, pty_at};
+use link::{Pty, SharedPorts, pty_at};
 use machine::record::reading::Flag;
 use machine::record::sensor::Sensor;
 
@@ -165,7 +165,7 @@ async fn over_tcp(layout: &str) -> (Serial, TcpStream) {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let at = listener.local_addr().unwrap();
     let config = toml::from_str(&format!("tcp = \"{at}\"\ntimeout_s = 0.2\n{layout}")).unwrap();
-    let serial = Serial::open(config, &sensor(), clock()).await.unwrap();
+    let serial = Serial::open(config, &sensor(), clock(), SharedPorts::default()).await.unwrap();
     (serial, listener.accept().await.unwrap().0)
 }
 
@@ -280,7 +280,7 @@ async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
     let at = |baud: u32| {
         let keys = format!("serial = \"{path}\"\nbaud = {baud}\n{LINE}");
         let config = toml::from_str(&keys).unwrap();
-        async move { Serial::open(config, &sensor(), clock()).await }
+        async move { Serial::open(config, &sensor(), clock(), SharedPorts::default()).await }
     };
     for baud in [115_200, 57_600, 9_600] {
         let mut serial = loop {

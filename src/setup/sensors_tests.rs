@@ -1,0 +1,212 @@
+//! Several sensors on one port: which the machine file refuses, and the others over a pseudo-terminal.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::sync::mpsc;
+use tokio::time::sleep;
+
+use super::MachineFile;
+use super::machine_file::SensorEntry;
+use super::sensors::Sensors;
+use devices::sensors::{Sample, SensorError};
+use link::clock::HostClock;
+use link::{Pty, pty};
+use machine::record::reading::Flag;
+use simulator::Sensed;
+use simulator::sensors::modbus::{DATA_SHEET, Measures, serve_on_tcp};
+
+/// A sensor; `reached` is the table that states how it is reached.
+fn entry(name: &str, reached: &str) -> SensorEntry {
+    let keys = "zero_mm = [0, 0, 0]\ndirection = [1, 0, 0]\nrange_mm = [-1, 1]\n";
+    toml::from_str(&format!("name = \"{name}\"\n{keys}{reached}")).unwrap()
+}
+
+/// The sensor in `column` of lines such as `0.0123,-0.0040,17`.
+fn column(name: &str, path: &str, column: usize) -> SensorEntry {
+    let keys = "separator = \",\"\ncounter = { column = 3, round = 1000 }\n";
+    let value = format!("value = {{ column = {column}, scale_mm = 1.0 }}\n");
+    entry(name, &format!("[serial]\nserial = \"{path}\"\n[serial.line]\n{keys}{value}"))
+}
+
+fn sensors(entries: &[SensorEntry]) -> Sensors {
+    Sensors::none(Arc::new(HostClock::start())).of(entries)
+}
+
+fn values(samples: &[Sample]) -> Vec<f64> {
+    samples.iter().filter_map(|sample| sample.value_mm).collect()
+}
+
+#[tokio::test]
+async fn columns_of_one_serial_port_are_sensors_of_their_own() {
+    let Pty { mut device, path, client_side } = pty().unwrap();
+    let amplifier = tokio::spawn(async move {
+        for count in 0_u32.. {
+            let line = format!("0.0123,-0.0040,{}\n", count % 1000);
+            if device.write_all(line.as_bytes()).await.is_err() {
+                return;
+            }
+            sleep(Duration::from_millis(2)).await;
+        }
+    });
+    let sensors = sensors(&[column("x1", &path, 1), column("y1", &path, 2)]);
+    let x1 = sensors.open("x1").await.unwrap();
+    x1.prepare().await.unwrap();
+    let y1 = sensors.open("y1").await.unwrap();
+    y1.prepare().await.unwrap();
+    // The drivers hold the pseudo-terminal now.
+    drop(client_side);
+    let (of_x1, of_y1) = tokio::join!(x1.take(20), y1.take(20));
+    assert_eq!(values(&of_x1.unwrap()), [0.0123; 20]);
+    assert_eq!(values(&of_y1.unwrap()), [-0.0040; 20]);
+    for sensor in [&x1, &y1] {
+        let tally = sensor.tally().await.unwrap();
+        assert_eq!(tally.missing, 0, "{}", sensor.name());
+        sensor.watch(|sample| sample.flag == Flag::None, || ()).await.unwrap();
+    }
+    // One of them is closed: the other one goes on.
+    drop(y1);
+    assert_eq!(x1.take(3).await.unwrap().len(), 3);
+    let y1 = sensors.open("y1").await.unwrap();
+    assert_eq!(values(&y1.take(3).await.unwrap()), [-0.0040; 3]);
+    // The port is lost while both are watched: each holds the machine and reports it.
+    let (hold, mut held) = mpsc::unbounded_channel();
+    for sensor in [&x1, &y1] {
+        let (hold, name) = (hold.clone(), sensor.name().to_owned());
+        let holds = move || drop(hold.send(name.clone()));
+        sensor.watch(|sample| sample.flag == Flag::None, holds).await.unwrap();
+    }
+    amplifier.abort();
+    let mut names = [held.recv().await.unwrap(), held.recv().await.unwrap()];
+    names.sort();
+    assert_eq!(names, ["x1", "y1"]);
+    for sensor in [x1, y1] {
+        let lost = sensor.rest().await.unwrap_err();
+        assert!(matches!(lost, SensorError::Link(_)), "{}: {lost}", sensor.name());
+    }
+}
+
+#[tokio::test]
+async fn sensors_that_answer_requests_take_turns_on_one_port() {
+    let Pty { mut device, path, client_side: _client } = pty().unwrap();
+    let addressed = tokio::spawn(async move {
+        let mut request = [0; 3];
+        while device.read_exact(&mut request).await.is_ok() {
+            let reply: &[u8] = if request == *b"M1\r" { b"0.1\n" } else { b"0.2\n" };
+            sleep(Duration::from_millis(1)).await;
+            device.write_all(reply).await.unwrap();
+        }
+    });
+    let queried = |name: &str, request: &str| {
+        let line = "[serial.line]\nvalue = { scale_mm = 1.0 }\n";
+        entry(name, &format!("[serial]\nserial = \"{path}\"\nrequest = \"{request}\\r\"\n{line}"))
+    };
+    let sensors = sensors(&[queried("x1", "M1"), queried("y1", "M2")]);
+    let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
+    let (of_x1, of_y1) = tokio::join!(x1.take(50), y1.take(50));
+    assert_eq!(values(&of_x1.unwrap()), [0.1; 50]);
+    assert_eq!(values(&of_y1.unwrap()), [0.2; 50]);
+    addressed.abort();
+}
+
+/// Register 0 of unit 1 holds 123, that of unit 2 -40.
+const READ_UNIT_1: [u8; 8] = [0x01, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xCA];
+const READ_UNIT_2: [u8; 8] = [0x02, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xF9];
+const REPLY_OF_UNIT_1: [u8; 7] = [0x01, 0x04, 0x02, 0x00, 0x7B, 0xF9, 0x13];
+const REPLY_OF_UNIT_2: [u8; 7] = [0x02, 0x04, 0x02, 0xFF, 0xD8, 0xBC, 0x9A];
+
+fn unit(name: &str, path: &str, unit: u8) -> SensorEntry {
+    let value = "value = { register = 0, type = \"i16\", scale_mm = 1e-4 }\n";
+    let port = format!("serial = \"{path}\"\nparity = \"none\"\nbaud = 115200\n");
+    entry(name, &format!("[modbus]\n{port}unit = {unit}\ntimeout_s = 0.1\n{value}"))
+}
+
+#[tokio::test]
+async fn units_of_one_modbus_line_are_sensors_of_their_own() {
+    let Pty { mut device, path, client_side: _client } = pty().unwrap();
+    let bus = tokio::spawn(async move {
+        let (mut request, mut owed) = ([0; 8], 0);
+        for count in 0_u32.. {
+            device.read_exact(&mut request).await.unwrap();
+            match request {
+                // A late reply of unit 2 comes ahead of that of unit 1.
+                READ_UNIT_1 if owed > 0 => {
+                    owed -= 1;
+                    device.write_all(&REPLY_OF_UNIT_2).await.unwrap();
+                    device.write_all(&REPLY_OF_UNIT_1).await.unwrap();
+                }
+                READ_UNIT_1 => device.write_all(&REPLY_OF_UNIT_1).await.unwrap(),
+                READ_UNIT_2 if count % 20 == 19 => owed += 1,
+                READ_UNIT_2 => device.write_all(&REPLY_OF_UNIT_2).await.unwrap(),
+                other => panic!("{other:02X?}"),
+            }
+        }
+    });
+    let sensors = sensors(&[unit("x1", &path, 1), unit("y1", &path, 2)]);
+    let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
+    let (of_x1, of_y1) = tokio::join!(x1.take(40), y1.take(40));
+    let (of_x1, of_y1) = (of_x1.unwrap(), of_y1.unwrap());
+    assert!(of_x1.len() == 40 && values(&of_x1).len() > 20, "{of_x1:?}");
+    assert!(of_y1.len() == 40 && values(&of_y1).len() > 20, "{of_y1:?}");
+    assert!(values(&of_x1).iter().all(|mm| (mm - 0.0123).abs() < 1e-12), "{of_x1:?}");
+    assert!(values(&of_y1).iter().all(|mm| (mm + 0.0040).abs() < 1e-12), "{of_y1:?}");
+    bus.abort();
+}
+
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn sensors_of_one_modbus_tcp_server_have_connections_of_their_own() {
+    let distance = Box::new(|| Sensed::Distance(0.25));
+    let (at, _) = serve_on_tcp(Measures::AtItsRate, distance, 200.0).unwrap();
+    let reached = format!("[modbus]\n{}{DATA_SHEET}", at.to_toml());
+    let sensors = sensors(&[entry("x1", &reached), entry("y1", &reached)]);
+    let (x1, y1) = (sensors.open("x1").await.unwrap(), sensors.open("y1").await.unwrap());
+    let (of_x1, of_y1) = tokio::join!(x1.take(10), y1.take(10));
+    for samples in [of_x1.unwrap(), of_y1.unwrap()] {
+        assert_eq!(values(&samples).len(), 10, "{samples:?}");
+    }
+}
+
+/// What a machine file says whose sensors `a` and `b` are reached by these two tables.
+fn read(of_a: &str, of_b: &str) -> Result<MachineFile, String> {
+    let simulated = "simulated = { rate_hz = 1000.0 }";
+    let text = include_str!("../../config/r-test.toml");
+    let text = text.replacen(simulated, of_a, 1).replacen(simulated, of_b, 1);
+    MachineFile::parse("shop.toml", text).map_err(|error| error.to_string())
+}
+
+#[test]
+fn sensors_of_one_port_must_agree_on_its_keys() {
+    let a = "serial = { serial = \"/dev/ttyS7\", baud = 9600, line = { separator = \",\", \
+             value = { column = 1, scale_mm = 1.0 } } }";
+    let b = a.replace("column = 1", "column = 2");
+    read(a, &b).unwrap();
+    let refused = |from: &str, to: &str, expected: &str| {
+        assert!(b.contains(from), "{from}");
+        let error = read(a, &b.replace(from, to)).unwrap_err();
+        assert!(error.starts_with("shop.toml:"), "{error}");
+        let expected = format!(
+            "`b` is on the same port as `a` (/dev/ttyS7), but {expected} there: sensors that share a port must \
+             have it alike"
+        );
+        assert!(error.contains(&expected), "{error}");
+    };
+    refused("baud = 9600", "baud = 115200", "`baud` is 115200 here and 9600");
+    refused("9600,", "9600, timeout_s = 2,", "`timeout_s` is 2 here and 0.5");
+    refused("9600,", "9600, request = \"M\",", "`request` is set here and not set");
+    refused("\",\"", "\";\"", "`separator` is \";\" here and \",\"");
+    refused("line = {", "line = { end = \"\\r\",", "`end` is \"\\r\" here and \"\\n\"");
+    let modbus = |baud: u32, unit: u8| {
+        format!(
+            "modbus = {{ serial = \"/dev/ttyS7\", baud = {baud}, unit = {unit}, \
+             value = {{ register = 0, type = \"i16\", scale_mm = 1e-4 }} }}"
+        )
+    };
+    read(&modbus(9600, 1), &modbus(9600, 2)).unwrap();
+    let error = read(&modbus(9600, 1), &modbus(19_200, 2)).unwrap_err();
+    assert!(error.contains("`baud` is 19200 here and 9600 there"), "{error}");
+    let error = read(a, &modbus(9600, 2)).unwrap_err();
+    assert!(error.contains("its table is [sensor.modbus] here and [sensor.serial]"), "{error}");
+    // Another port is another matter.
+    read(a, &modbus(9600, 2).replace("ttyS7", "ttyS8")).unwrap();
+}
