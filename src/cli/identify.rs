@@ -7,7 +7,7 @@ use super::failure::Failure;
 use super::files::{read_estimate, state_folder};
 use super::{Exit, show};
 use crate::report::readings_csv;
-use crate::run::judged;
+use crate::run::{judged, naming_priors};
 use crate::setup::{self, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState};
 use machine::record::estimate::Estimate;
@@ -42,7 +42,7 @@ fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimat
     let bytes = std::fs::read(csv).map_err(|error| Failure::file(csv, &error))?;
     let readings = readings_csv::read(&bytes)
         .map_err(|error| Failure::plain(format!("{}: {error}", csv.display())))?;
-    let estimate = method.identify(&plan, &readings, priors)?;
+    let estimate = naming_priors(method.identify(&plan, &readings, priors)?, priors);
     Ok(judged(estimate, &machine.tolerance))
 }
 
@@ -72,8 +72,8 @@ fn stored_run(
     let method =
         methods::configure(&args.method, stored.plan.settings.clone()).map_err(Failure::plain)?;
     let (plan, left_out) = measured(stored.plan, stored.summary.state, &stored.readings);
-    let mut estimate =
-        judged(method.identify(&plan, &stored.readings, priors)?, &machine.tolerance);
+    let estimate = naming_priors(method.identify(&plan, &stored.readings, priors)?, priors);
+    let mut estimate = judged(estimate, &machine.tolerance);
     estimate.warnings.extend(left_out);
     journal.estimate(run, &estimate).wait()?;
     Ok(estimate)

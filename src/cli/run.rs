@@ -24,7 +24,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let (method, plan) = setup::header(&machine, &args.method, args.repeat)?;
     let method: Arc<dyn Method> = method.into();
     let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
-    method.check_priors(&priors)?;
+    method.check_priors(&plan, &priors)?;
     check_report_folder(&args.output)?;
     let wires = Wires::of(args.output.capture.as_deref(), args.replay.as_deref())?;
     let folder = wires.folder(state)?;

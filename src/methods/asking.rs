@@ -100,8 +100,8 @@ impl Method for Asking {
         self.method.required_sensors(sensors)
     }
 
-    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
-        self.method.check_priors(priors)
+    fn check_priors(&self, plan: &Plan, priors: &[Estimate]) -> Result<(), Refused> {
+        self.method.check_priors(plan, priors)
     }
 
     /// Nothing is numbered anew here, so that what is said of a step names the one in the plan.

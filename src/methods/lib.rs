@@ -202,9 +202,10 @@ pub trait Method: Send + Sync {
         Ok(Vec::new())
     }
 
-    /// Whether this method can take these estimates as known; asked before anything moves. Most take
-    /// none.
-    fn check_priors(&self, priors: &[Estimate]) -> Result<(), Refused> {
+    /// Whether this method can take these estimates as known on the machine of `plan`; asked before
+    /// anything moves. Most take none.
+    fn check_priors(&self, plan: &Plan, priors: &[Estimate]) -> Result<(), Refused> {
+        let _ = plan;
         match priors.first() {
             None => Ok(()),
             Some(prior) => Err(Refused {

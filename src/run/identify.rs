@@ -7,7 +7,7 @@ use tokio::sync::oneshot;
 
 use super::behind::{COMPUTING, behind};
 use crate::setup::{MachineFile, SetupError};
-use crate::store::{Journal, RunId, StoreError, StoredRun};
+use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
 use devices::controllers::Halt;
 use machine::record::estimate::{Estimate, Limit};
 use machine::record::event::Event;
@@ -76,7 +76,10 @@ pub(super) async fn identify(
     halt: &Halt,
 ) -> Result<Estimate, Unidentified> {
     let method = method.clone();
-    let mut result = compute(move || method.identify(&plan, &readings, &priors));
+    let mut result = compute(move || {
+        let estimate = method.identify(&plan, &readings, &priors)?;
+        Ok::<_, IdentifyError>(naming_priors(estimate, &priors))
+    });
     loop {
         // An answer not yet there leaves the receiver as it was.
         if let Ok(found) = tokio::time::timeout(STOP_POLL, &mut result).await {
@@ -143,6 +146,12 @@ pub async fn store_identification(
             Err(why)
         }
     }
+}
+
+/// The estimate with the hashes of the estimates that were taken as known: those of the journal.
+pub fn naming_priors(mut estimate: Estimate, priors: &[Estimate]) -> Estimate {
+    estimate.priors = priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
+    estimate
 }
 
 /// The estimate with its verdict, and a warning for every limit that nothing answers to.

@@ -8,6 +8,7 @@ mod ball_plate;
 mod compare;
 mod five_axes;
 mod kinematics_g0;
+mod known_motions;
 mod laser;
 mod latch_delay;
 mod multiprobe;

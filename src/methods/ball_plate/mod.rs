@@ -74,7 +74,7 @@ impl Method for BallPlate {
         readings: &[Reading],
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(priors)?;
+        self.check_priors(plan, priors)?;
         identify::identify(plan, &self.settings, readings)
     }
 }

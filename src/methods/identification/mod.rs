@@ -12,8 +12,10 @@ pub mod declared;
 mod error_motions;
 mod estimate;
 mod harmonics;
+mod known_motions;
 mod model;
 mod outputs;
+mod periodic_points;
 mod propagation;
 mod range;
 mod source;
@@ -24,6 +26,7 @@ pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
 pub use error_motions::{RevolutionRanges, revolution_parameters, turning_axis_ranges};
 pub use estimate::{Identification, identify, reported_parameter};
 pub use harmonics::{Harmonic, HarmonicFunction};
+pub use known_motions::KnownMotions;
 pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
     multiply, rms, solve_each_trial,

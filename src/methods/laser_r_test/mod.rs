@@ -90,7 +90,7 @@ impl Method for LaserRTest {
         readings: &[Reading],
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(priors)?;
+        self.check_priors(plan, priors)?;
         let bench = Bench::new(plan, &self.settings)?;
         identify::identify(&bench, readings)
     }

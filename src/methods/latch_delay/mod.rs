@@ -87,7 +87,7 @@ impl Method for LatchDelay {
         readings: &[Reading],
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(priors)?;
+        self.check_priors(plan, priors)?;
         let (observed, fitted, scan) = look(plan, readings)?;
         Ok(estimate::estimate(plan, &observed, &fitted, &scan))
     }

@@ -86,7 +86,7 @@ impl Method for Multiprobe {
         readings: &[Reading],
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(priors)?;
+        self.check_priors(plan, priors)?;
         estimate::estimate(plan, &self.settings, readings)
     }
 }

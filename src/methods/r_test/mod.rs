@@ -65,7 +65,7 @@ impl Method for RTest {
         readings: &[Reading],
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(priors)?;
+        self.check_priors(plan, priors)?;
         identify::identify(plan, &self.settings, readings)
     }
 }

@@ -101,7 +101,7 @@ impl Method for Samba {
         readings: &[Reading],
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(priors)?;
+        self.check_priors(plan, priors)?;
         identify::identify(plan, &self.settings, readings)
     }
 }

@@ -9,6 +9,7 @@ use super::parts::Parts;
 use super::sense::Sense;
 use super::settings::Spindle;
 use crate::identification::{MisfitAdvice, unit_slope};
+use machine::Axis;
 use machine::record::estimate::Estimate;
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
@@ -34,6 +35,7 @@ fn gauge(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
     let axis = parts.axis.axis;
     let mut lines = parts.fit.layout.gauge_in_words(axis);
     lines.push(stated_and_measured(parts, estimate));
+    lines.extend(known_motions(parts));
     let heights: Vec<String> = parts.heights.iter().map(|z| format!("{z:.3}")).collect();
     lines.push(match heights.len() {
         1 => format!("EX0{axis} and EY0{axis} hold at Z = {} mm only", heights[0]),
@@ -54,6 +56,26 @@ fn gauge(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
     lines
 }
 
+/// What was taken as known, and what is left of it by convention.
+fn known_motions(parts: &Parts<'_>) -> Vec<String> {
+    let (axis, known) = (parts.axis.axis, parts.known);
+    if known.is_empty() {
+        return Vec::new();
+    }
+    let mut lines = known.in_words();
+    lines.push(format!(
+        "EX0{axis}, EY0{axis}, EX{axis} and EY{axis} are those of a machine without the error motions taken as \
+         known; these have mean zero over a revolution (the mean is part of EX0{axis} and EY0{axis}), and their \
+         co-rotating first harmonic has no effect: it goes with the part's set-up"
+    ));
+    if !known.has(Axis::A) || !known.has(Axis::B) {
+        lines.push(format!(
+            "without EA{axis} and EB{axis} the error motions taken as known are the same at each height"
+        ));
+    }
+    lines
+}
+
 fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
     let axis = parts.axis.axis;
     let mut lines = vec![
@@ -62,6 +84,14 @@ fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
         "co-rotating first harmonic of the error motion: inseparable from the part's set-up"
             .to_owned(),
     ];
+    if !parts.known.is_empty() {
+        let n = parts.fit.layout.design.n;
+        lines.push(format!(
+            "error motions of {axis} at orders {n}, {}, … that the estimates taken as known do not have: \
+             inseparable from EX0{axis} and EY0{axis}",
+            2 * n
+        ));
+    }
     if parts.settings.spindle == Spindle::Fixed {
         lines.push(format!(
             "stylus offset and odd lobes of the probe: inseparable from EX0{axis} and EY0{axis} with a fixed \

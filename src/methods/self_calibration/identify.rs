@@ -4,15 +4,15 @@ use super::design::Design;
 use super::estimate;
 use super::fit::{Fit, LinearisedFit};
 use super::model::{Layout, Observation};
-use super::observe::{Observed, observe};
+use super::observe::{Observed, ObservedAxis, observe};
 use super::outputs;
 use super::parts::Parts;
 use super::plan::Planner;
 use super::sense;
 use super::settings::Settings;
-use super::sources::{interruptions, sources};
+use super::sources::{interruptions, rotary_axis, sources};
 use crate::identification::{
-    self, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances,
+    self, KnownMotions, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances,
 };
 use crate::{IdentifyError, Refused};
 use estimation::linear::Survey;
@@ -55,7 +55,9 @@ pub fn check_well_posed(
         instead: "lower drift_order, keep references = true, or put the heights further apart"
             .to_owned(),
     };
-    let (layout, observed) = observe_cycle(&plan, settings, planner, &readings).map_err(refused)?;
+    let (heights, known) = (planner.heights(), KnownMotions::default());
+    let axis = ObservedAxis { axis: planner.axis(), heights: &heights, known: &known };
+    let (layout, observed) = observe_cycle(&plan, settings, &axis, &readings).map_err(refused)?;
     let sigma = vec![1.0; observed.observations.len()];
     let axis = planner.axis().axis;
     fit(axis, layout, observed.observations, sigma, settings).map(drop).map_err(refused)
@@ -78,14 +80,13 @@ fn nominal_reading(step: &Step) -> Reading {
 fn observe_cycle(
     plan: &Plan,
     settings: &Settings,
-    planner: &Planner<'_>,
+    axis: &ObservedAxis<'_>,
     readings: &[Reading],
 ) -> Result<(Layout, Observed), IdentifyError> {
     let design = Design::new(settings)?;
-    let heights = planner.heights();
-    let observed = observe(plan, &design, planner.axis(), &heights, readings)?;
+    let observed = observe(plan, &design, axis, readings)?;
     let (drift_order, gaps) = (settings.drift_order, observed.gaps.clone());
-    Ok((Layout { design, heights: heights.len(), drift_order, gaps }, observed))
+    Ok((Layout { design, heights: axis.heights.len(), drift_order, gaps }, observed))
 }
 
 /// The solved fit of one plan's readings, and what its uncertainty follows from.
@@ -102,20 +103,21 @@ pub struct Fitted {
 pub fn fitted(
     plan: &Plan,
     settings: &Settings,
-    planner: &Planner<'_>,
+    axis: &ObservedAxis<'_>,
     readings: &[Reading],
 ) -> Result<Fitted, IdentifyError> {
-    let (layout, observed) = observe_cycle(plan, settings, planner, readings)?;
+    let (layout, observed) = observe_cycle(plan, settings, axis, readings)?;
     let Observed { observations, half_duration_s, timed, left_out, .. } = observed;
     let mut sources = sources(plan, &layout, &observations, settings.spindle, half_duration_s);
+    sources.extend(rotary_axis(plan, &layout, &observations, axis));
     let variances = block_covariances::<1>(&sources, observations.len());
     let sigma = variances.iter().map(|variance| variance[0].sqrt()).collect();
-    let axis = planner.axis().axis;
-    let fit = fit(axis, layout, observations, sigma, settings)?;
+    let name = axis.axis.axis;
+    let fit = fit(name, layout, observations, sigma, settings)?;
     if !fit.layout.gaps.is_empty() {
         sources.push(interruptions(&fit.layout, &fit.observations, &fit.x));
     }
-    let outputs = outputs::outputs(&fit.layout, axis, &planner.heights(), &fit.x);
+    let outputs = outputs::outputs(&fit.layout, name, axis.heights, &fit.x);
     Ok(Fitted { fit, sources, outputs, timed, left_out })
 }
 
@@ -124,10 +126,13 @@ pub fn identify(
     plan: &Plan,
     settings: &Settings,
     planner: &Planner<'_>,
+    known: &KnownMotions<'_>,
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
+    let (heights, axis) = (planner.heights(), planner.axis());
+    let observed = ObservedAxis { axis, heights: &heights, known };
     let Fitted { fit, sources, outputs, timed, left_out } =
-        fitted(plan, settings, planner, readings)?;
+        fitted(plan, settings, &observed, readings)?;
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().zip(&fit.sigma).map(|(r, s)| r / s).collect();
     let solution = Solution {
@@ -139,9 +144,8 @@ pub fn identify(
     let trials = Some(trial_plan(settings, &fit));
     let identification = identification::identify(&solution, &sources, outputs, trials)?;
     let sense = sense::judge(&fit);
-    let (heights, axis) = (planner.heights(), planner.axis());
     let parts =
-        Parts { plan, settings, axis, heights, fit, identification, sense, timed, left_out };
+        Parts { plan, settings, axis, heights, known, fit, identification, sense, timed, left_out };
     Ok(estimate::estimate(&parts))
 }
 

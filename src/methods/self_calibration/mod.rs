@@ -29,7 +29,10 @@ pub use fit::{Fit, LinearisedFit};
 pub use identify::Fitted;
 pub use settings::Settings;
 
+use self::observe::ObservedAxis;
 use self::plan::{Part, Planner};
+use self::table_axis::TableAxis;
+use super::identification::KnownMotions;
 use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use estimation::circle;
 use machine::record::artefact::{Artefact, Cylinder};
@@ -60,7 +63,9 @@ impl SelfCalibration {
     /// As `identify`.
     pub fn fitted(&self, plan: &Plan, readings: &[Reading]) -> Result<Fitted, IdentifyError> {
         let planner = Planner::new(plan, &self.settings)?;
-        identify::fitted(plan, &self.settings, &planner, readings)
+        let (heights, known) = (planner.heights(), KnownMotions::default());
+        let axis = ObservedAxis { axis: planner.axis(), heights: &heights, known: &known };
+        identify::fitted(plan, &self.settings, &axis, readings)
     }
 
     fn cycle(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Result<Next, Refused> {
@@ -140,15 +145,20 @@ impl Method for SelfCalibration {
         self.cycle(plan, &planner, part)
     }
 
+    fn check_priors(&self, plan: &Plan, priors: &[Estimate]) -> Result<(), Refused> {
+        let axis = TableAxis::new(plan, &self.settings)?;
+        KnownMotions::new(axis.axis, priors).map(drop)
+    }
+
     fn identify(
         &self,
         plan: &Plan,
         readings: &[Reading],
         priors: &[Estimate],
     ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(priors)?;
         let planner = Planner::new(plan, &self.settings)?;
-        identify::identify(plan, &self.settings, &planner, readings)
+        let known = KnownMotions::new(planner.axis().axis, priors)?;
+        identify::identify(plan, &self.settings, &planner, &known, readings)
     }
 }
 

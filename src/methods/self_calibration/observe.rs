@@ -3,12 +3,16 @@
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 
+use nalgebra::Vector3;
+
 use super::design::Design;
 use super::gaps;
-use super::model::Observation;
+use super::model::{Layout, Observation};
 use super::plan::{LOCATE_LABEL, touches_top};
 use super::table_axis::TableAxis;
 use crate::IdentifyError;
+use crate::identification::KnownMotions;
+use machine::Axis;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
 use planning::Clearance;
@@ -29,13 +33,46 @@ pub struct Observed {
 /// How far the table may stand from where the plan puts it, rad (0.1°): more is a skipped index.
 const INDEX_TOLERANCE: f64 = 1.8e-3;
 
+/// The axis that is measured, and what is known of it.
+pub struct ObservedAxis<'a> {
+    pub axis: &'a TableAxis,
+    /// Machine frame, mm.
+    pub heights: &'a [f64],
+    /// Error motions that are taken out of the observations.
+    pub known: &'a KnownMotions<'a>,
+}
+
+impl ObservedAxis<'_> {
+    /// Commanded angle of an observation, rad, within a revolution.
+    pub fn angle(&self, design: &Design, seen: &Observation) -> f64 {
+        design.angle(seen.c) * self.axis.sense
+    }
+
+    /// Derivative of each radius by an error motion of the axis along or about `component`.
+    pub fn radii_by_motion(
+        &self,
+        layout: &Layout,
+        observations: &[Observation],
+        component: Axis,
+    ) -> Vec<f64> {
+        let of_radius = |seen: &Observation| {
+            let normal = layout.normal(seen.phi);
+            let across = Vector3::z().cross(&normal);
+            let centre = self.axis.at_height(self.heights[seen.height])
+                + seen.radius * normal
+                + seen.lateral * across;
+            self.axis.radius_by_motion(component, centre, normal)
+        };
+        observations.iter().map(of_radius).collect()
+    }
+}
+
 /// # Errors
 /// Missing and unknown steps, duplicates, a table that stood elsewhere than planned.
 pub fn observe(
     plan: &Plan,
     design: &Design,
-    axis: &TableAxis,
-    heights: &[f64],
+    axis: &ObservedAxis<'_>,
     readings: &[Reading],
 ) -> Result<Observed, IdentifyError> {
     let by_step = sort_by_step(plan, readings)?;
@@ -49,7 +86,7 @@ pub fn observe(
             continue;
         }
         for reading in of_step.iter().filter(|reading| reading.flag == Flag::None) {
-            observations.push(reduce(design, axis, heights, step, reading)?);
+            observations.push(reduce(design, axis, step, reading)?);
             order.push((reading.repeat as usize * plan.steps.len() + i) as f64);
         }
     }
@@ -97,11 +134,11 @@ fn sort_by_step<'a>(
 
 fn reduce(
     design: &Design,
-    axis: &TableAxis,
-    heights: &[f64],
+    observed: &ObservedAxis<'_>,
     step: &Step,
     reading: &Reading,
 ) -> Result<Observation, IdentifyError> {
+    let ObservedAxis { axis, heights, known } = *observed;
     let name = axis.axis;
     let planned = step.from.at(name);
     let stood = reading.position.get(name).unwrap_or(planned);
@@ -124,7 +161,7 @@ fn reduce(
             step.id, step.label, design.n
         )));
     }
-    let centre = axis.ball_centre(step, reading);
+    let centre = axis.corrected_ball_centre(step, reading, known);
     let height = nearest(heights, centre.z);
     let off = centre - axis.at_height(heights[height]);
     Ok(Observation {

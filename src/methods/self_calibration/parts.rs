@@ -4,7 +4,7 @@ use super::fit::Fit;
 use super::sense::Sense;
 use super::settings::Settings;
 use super::table_axis::TableAxis;
-use crate::identification::Identification;
+use crate::identification::{Identification, KnownMotions};
 use machine::record::plan::Plan;
 
 /// Everything that the estimate is written from.
@@ -14,6 +14,7 @@ pub struct Parts<'a> {
     pub axis: &'a TableAxis,
     /// In the machine frame, mm.
     pub heights: Vec<f64>,
+    pub known: &'a KnownMotions<'a>,
     pub fit: Fit,
     pub identification: Identification,
     pub sense: Sense,

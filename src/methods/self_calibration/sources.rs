@@ -3,11 +3,14 @@
 use nalgebra::Vector3;
 
 use super::model::{Layout, Observation};
+use super::observe::ObservedAxis;
 use super::settings::Spindle;
 use crate::identification::declared::{
-    drift_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_mm,
+    RotaryMotion, drift_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm,
+    resolution_mm, rotary_motions,
 };
-use crate::identification::{Effect, EvaluationType, InResiduals, Shape, UncertaintySource};
+use crate::identification::{self, Effect, EvaluationType, InResiduals, UncertaintySource};
+use machine::kinematics::{ErrorParameter, Shape};
 use machine::record::plan::Plan;
 
 /// All sources, the touches' own scatter first.
@@ -25,7 +28,7 @@ pub fn sources(
     let resolution = UncertaintySource::new("resolution", resolution);
     let mut list = vec![
         UncertaintySource { evaluation: EvaluationType::A, ..repeatability },
-        UncertaintySource { shape: Shape::Rectangular, ..resolution },
+        UncertaintySource { shape: identification::Shape::Rectangular, ..resolution },
         absent_in_residuals("stylus offset", stylus_offset(plan, &normals, spindle)),
         absent_in_residuals("probe lobing", lobing(plan, &normals, spindle)),
         absent_in_residuals("error motions of X and Y", linear_axes(plan, seen, &normals)),
@@ -45,6 +48,36 @@ fn absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource 
         is_in_weights: false,
         ..UncertaintySource::new(name, Effect::Joint(columns))
     }
+}
+
+/// Error motions of the axis that is measured: the uncertainty of those that are known, and the declared ones at
+/// orders that are multiples of N, which no grid of N angles tells from the location of the axis (METHODS
+/// section 1). All others are what is measured.
+pub fn rotary_axis(
+    plan: &Plan,
+    layout: &Layout,
+    seen: &[Observation],
+    axis: &ObservedAxis<'_>,
+) -> Vec<UncertaintySource> {
+    let angles: Vec<f64> = seen.iter().map(|seen| axis.angle(&layout.design, seen)).collect();
+    let by_component = |component| axis.radii_by_motion(layout, seen, component);
+    let is_lost = |error: &ErrorParameter| match error.shape() {
+        Shape::Cos(n) | Shape::Sin(n) => (n as usize).is_multiple_of(layout.design.n),
+        _ => false,
+    };
+    let declared = rotary_motions(plan).into_iter().filter(|motion| {
+        let RotaryMotion { error, .. } = motion;
+        error.axis() == axis.axis.axis && is_lost(error) && !axis.known.has(error.component())
+    });
+    let column = |RotaryMotion { error, size_mm }| {
+        let by = by_component(error.component());
+        angles.iter().zip(by).map(|(angle, by)| size_mm * error.factor(*angle) * by).collect()
+    };
+    let name = format!("error motions of {}", axis.axis.axis);
+    let mut list = vec![absent_in_residuals(&name, declared.map(column).collect())];
+    list.extend(axis.known.sources(&angles, by_component));
+    list.retain(|source| !source.is_zero());
+    list
 }
 
 /// Offset of the stylus from its stated position. With a following spindle it changes R alone.
@@ -103,5 +136,5 @@ pub fn interruptions(layout: &Layout, seen: &[Observation], x: &[f64]) -> Uncert
     };
     let columns = (0..layout.gaps.len()).flat_map(|gap| [0, 1].map(|k| column(gap, k))).collect();
     let source = absent_in_residuals("what moved when interrupted", columns);
-    UncertaintySource { shape: Shape::Rectangular, ..source }
+    UncertaintySource { shape: identification::Shape::Rectangular, ..source }
 }

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 
 use super::settings::{Settings, UPRIGHT};
 use crate::Refused;
+use crate::identification::KnownMotions;
 use machine::frame::{Point, Pose, Spindle, Table};
 use machine::kinematics::{AxisLine, Chain, KinematicsError};
 use machine::record::artefact::Cylinder;
@@ -99,6 +100,39 @@ impl TableAxis {
         let position = position.updated_by(&Position::new().with(self.axis, 0.0));
         let on_table = self.chain.tip_in_table(&position, self.tip, &[]).mm;
         self.table.transform_point(&on_table.into()).coords
+    }
+
+    /// The same without the displacement of the table by error motions of this axis that are `known`.
+    pub fn corrected_ball_centre(
+        &self,
+        step: &Step,
+        reading: &Reading,
+        known: &KnownMotions<'_>,
+    ) -> Vector3<f64> {
+        if known.is_empty() {
+            return self.ball_centre(step, reading);
+        }
+        let position = step.from.updated_by(&reading.position);
+        let angle = position.at(self.axis);
+        let on_table = self.chain.tip_in_table(&position, self.tip, &known.errors(angle)).mm;
+        let turned = self.still.clone().with(self.axis, angle);
+        self.chain.machine_from_table(&turned, &[]).transform_point(&on_table.into()).coords
+    }
+
+    /// Derivative of the radius of a touch, with the error motion of this axis along or about `component`
+    /// taken out, by that motion: mm per mm or rad. `centre` of the ball, `normal`: outward unit vector,
+    /// machine frame.
+    pub fn radius_by_motion(
+        &self,
+        component: Axis,
+        centre: Vector3<f64>,
+        normal: Vector3<f64>,
+    ) -> f64 {
+        let along = self.line.carrier.rotation * component.direction();
+        match component.is_linear() {
+            true => -normal.dot(&along),
+            false => -normal.dot(&along.cross(&(centre - self.line.point))),
+        }
     }
 
     /// A part of the table frame, where it stands.

@@ -2,6 +2,7 @@
 
 mod declared;
 mod estimates;
+mod known_motions;
 mod propagation;
 mod sources;
 mod spectrum;

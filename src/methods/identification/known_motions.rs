@@ -1,0 +1,237 @@
+//! Error motions of a rotary axis that earlier estimates give as functions of its commanded angle: their
+//! values, and their uncertainty as sources of the budget.
+
+use machine::Axis;
+use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
+use machine::record::estimate::{Estimate, Function, Parameter, Unit};
+
+use super::periodic_points::PeriodicPoints;
+use super::source::{Effect, InResiduals, UncertaintySource};
+use crate::Refused;
+
+/// Each has mean zero over the revolution: the mean is part of the location of the axis.
+#[derive(Debug, Default)]
+pub struct KnownMotions<'a> {
+    priors: &'a [Estimate],
+    motions: Vec<KnownMotion<'a>>,
+}
+
+#[derive(Debug)]
+struct KnownMotion<'a> {
+    /// Index of its estimate.
+    prior: usize,
+    /// The location error that displaces the axis as this motion does at one angle.
+    error: ErrorParameter,
+    form: MotionForm<'a>,
+}
+
+#[derive(Debug)]
+enum MotionForm<'a> {
+    /// Cosine and sine parts by their symbols, where the estimate has their covariance.
+    Harmonics(Vec<(&'a str, ErrorTerm)>),
+    Points(PeriodicPoints),
+}
+
+impl<'a> KnownMotions<'a> {
+    /// # Errors
+    /// An estimate without error motions of `axis`; a function that is none of one revolution; a function
+    /// that two estimates have.
+    pub fn new(axis: Axis, priors: &'a [Estimate]) -> Result<Self, Refused> {
+        let mut motions: Vec<KnownMotion<'_>> = Vec::new();
+        for (prior, estimate) in priors.iter().enumerate() {
+            let all = estimate.functions.iter().filter_map(|f| Some((motion_error(f)?, f)));
+            let (own, others): (Vec<_>, Vec<_>) = all.partition(|(error, _)| error.axis() == axis);
+            if own.is_empty() {
+                return Err(no_motions(axis, estimate, others.first().map(|(_, other)| *other)));
+            }
+            for (error, function) in own {
+                if motions.iter().any(|motion| motion.error == error) {
+                    return Err(given_twice(function));
+                }
+                let form = MotionForm::new(estimate, error, function)?;
+                motions.push(KnownMotion { prior, error, form });
+            }
+        }
+        Ok(Self { priors, motions })
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.motions.is_empty()
+    }
+
+    pub fn has(&self, component: Axis) -> bool {
+        self.motions.iter().any(|motion| motion.error.component() == component)
+    }
+
+    /// What displaces the axis at its commanded `angle`, rad.
+    pub fn errors(&self, angle: f64) -> Vec<ErrorTerm> {
+        let terms = |motion: &KnownMotion<'_>| match &motion.form {
+            MotionForm::Harmonics(terms) => terms.iter().map(|(_, term)| *term).collect(),
+            MotionForm::Points(points) => {
+                vec![ErrorTerm {
+                    parameter: motion.error,
+                    value: points.at(angle.to_degrees()).value,
+                }]
+            }
+        };
+        self.motions.iter().flat_map(terms).collect()
+    }
+
+    /// Harmonics with their covariance; points fully correlated over the angle, as estimates have no
+    /// covariance of points. `angles`: commanded, rad, one an observation. `by_component`: derivative of each
+    /// observation by a displacement of the axis along or about the component.
+    pub fn sources(
+        &self,
+        angles: &[f64],
+        by_component: impl Fn(Axis) -> Vec<f64>,
+    ) -> Vec<UncertaintySource> {
+        let mut sources = Vec::new();
+        for (prior, estimate) in self.priors.iter().enumerate() {
+            let (mut symbols, mut by_coefficient, mut by_points) = (vec![], vec![], vec![]);
+            for motion in self.motions.iter().filter(|motion| motion.prior == prior) {
+                let by = by_component(motion.error.component());
+                let times = |factor: &dyn Fn(f64) -> f64| {
+                    angles.iter().zip(&by).map(|(angle, by)| factor(*angle) * by).collect()
+                };
+                match &motion.form {
+                    MotionForm::Harmonics(terms) => {
+                        for (symbol, term) in terms {
+                            symbols.push(*symbol);
+                            by_coefficient.push(times(&|q| term.parameter.factor(q)));
+                        }
+                    }
+                    MotionForm::Points(points) => {
+                        by_points.push(times(&|q| points.at(q.to_degrees()).u));
+                    }
+                }
+            }
+            sources.extend(UncertaintySource::of_prior(estimate, &symbols, &by_coefficient));
+            sources.push(points_source(estimate, by_points));
+        }
+        sources.retain(|source| !source.is_zero());
+        sources
+    }
+
+    /// One line an estimate: its method, its functions and how they are evaluated.
+    pub fn in_words(&self) -> Vec<String> {
+        let line = |(prior, estimate): (usize, &Estimate)| {
+            let own = self.motions.iter().filter(|motion| motion.prior == prior);
+            let own: Vec<String> = own.map(KnownMotion::in_words).collect();
+            format!("taken as known from an estimate of {}: {}", estimate.method, own.join(", "))
+        };
+        self.priors.iter().enumerate().map(line).collect()
+    }
+}
+
+impl KnownMotion<'_> {
+    fn in_words(&self) -> String {
+        let name = format!("E{}{}", self.error.component(), self.error.axis());
+        match &self.form {
+            MotionForm::Harmonics(terms) => {
+                let orders = terms.iter().filter_map(|(_, term)| order(term.parameter));
+                let highest = orders.max().unwrap_or(0);
+                format!("{name} by its Fourier coefficients to order {highest}")
+            }
+            MotionForm::Points(_) => format!(
+                "{name} by its points, linear between them, u fully correlated over the angle"
+            ),
+        }
+    }
+}
+
+impl<'a> MotionForm<'a> {
+    fn new(
+        estimate: &'a Estimate,
+        error: ErrorParameter,
+        function: &Function,
+    ) -> Result<Self, Refused> {
+        let points = PeriodicPoints::new(function).map_err(|why| Refused {
+            why: format!("{} of the estimate of {} {why}", function.symbol, estimate.method),
+            instead: "give an estimate of one revolution without sub-harmonics".to_owned(),
+        })?;
+        let parameters = estimate.parameters.iter().filter(|own| own.unit == function.unit);
+        let terms: Vec<_> = parameters
+            .filter_map(|own| Some((own.symbol.as_str(), harmonic(&function.symbol, error, own)?)))
+            .collect();
+        let has_all = terms.iter().all(|(symbol, _)| has_covariance(estimate, symbol));
+        Ok(if has_all && !terms.is_empty() { Self::Harmonics(terms) } else { Self::Points(points) })
+    }
+}
+
+/// `EXC_c2` or `EXC_s2` of the function `EXC`, internal unit.
+fn harmonic(function: &str, error: ErrorParameter, parameter: &Parameter) -> Option<ErrorTerm> {
+    let suffix = parameter.symbol.strip_prefix(function)?.strip_prefix('_')?;
+    let shape = match suffix.split_at_checked(1)? {
+        ("c", order) => Shape::Cos(order.parse().ok()?),
+        ("s", order) => Shape::Sin(order.parse().ok()?),
+        _ => return None,
+    };
+    let parameter_of_order = ErrorParameter::new(error.component(), error.axis(), shape).ok()?;
+    let value = parameter.value / parameter.unit.from_internal(1.0);
+    Some(ErrorTerm { parameter: parameter_of_order, value })
+}
+
+fn order(parameter: ErrorParameter) -> Option<u32> {
+    match parameter.shape() {
+        Shape::Cos(order) | Shape::Sin(order) => Some(order),
+        _ => None,
+    }
+}
+
+/// Of the functions `EXC` to `ECC` of a rotary axis over its angle.
+fn motion_error(function: &Function) -> Option<ErrorParameter> {
+    let mut letters = function.symbol.strip_prefix('E')?.chars();
+    let mut axis = || letters.next()?.to_string().parse::<Axis>().ok();
+    let (component, turned) = (axis()?, axis()?);
+    let is_over_angle = function.argument == turned.name() && function.argument_unit == "deg";
+    let has_unit = match component.is_linear() {
+        true => matches!(function.unit, Unit::Um | Unit::Mm),
+        false => function.unit == Unit::Urad,
+    };
+    let is_motion = letters.next().is_none() && !turned.is_linear() && is_over_angle && has_unit;
+    let error = ErrorParameter::new(component, turned, Shape::Location).ok();
+    error.filter(|_| is_motion)
+}
+
+fn has_covariance(estimate: &Estimate, symbol: &str) -> bool {
+    let covariance = &estimate.covariance;
+    let count = covariance.symbols.len();
+    let is_square = covariance.rows.len() == count;
+    is_square
+        && covariance.rows.iter().all(|row| row.len() == count)
+        && covariance.symbols.iter().any(|own| own == symbol)
+}
+
+/// Expected in the residuals, not in the weights.
+fn points_source(estimate: &Estimate, columns: Vec<Vec<f64>>) -> UncertaintySource {
+    let name = format!("estimate of {}", estimate.method);
+    UncertaintySource {
+        in_residuals: InResiduals::Expected,
+        is_in_weights: false,
+        ..UncertaintySource::new(name, Effect::Joint(columns))
+    }
+}
+
+fn no_motions(axis: Axis, estimate: &Estimate, other: Option<&Function>) -> Refused {
+    let found = match other {
+        Some(other) => format!("its function {} is of the axis {}", other.symbol, other.argument),
+        None => "it has no such function".to_owned(),
+    };
+    Refused {
+        why: format!(
+            "the estimate of {} has no error motions of {axis} over its angle: {found}",
+            estimate.method
+        ),
+        instead: format!(
+            "give an estimate with EX{axis}, EY{axis} (of ball-plate, multiprobe or r-test on this \
+             machine), or leave out --with"
+        ),
+    }
+}
+
+fn given_twice(function: &Function) -> Refused {
+    Refused {
+        why: format!("two estimates give {}", function.symbol),
+        instead: "give one of them with --with".to_owned(),
+    }
+}

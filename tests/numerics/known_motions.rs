@@ -1,0 +1,286 @@
+//! Self-calibration with error motions of C that an earlier estimate gives. The estimates are made from the
+//! world's own motions, by no estimator.
+
+use std::f64::consts::TAU;
+
+use machine::Axis;
+use machine::record::estimate::{Estimate, Function, Parameter};
+use rayon::prelude::*;
+use serde_json::{Value as Json, json};
+use simulator::World;
+use toml::{Table, Value};
+use trued::setup::{self, MachineFile};
+
+use crate::support::plan_player;
+use estimation::monte_carlo::{Random, Shape};
+use testing::population::{population, ratio_bounds};
+
+const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
+const MAX_ORDER: usize = 20;
+/// Angles at which the motions of the world are read.
+const SAMPLES: usize = 360;
+/// Key of the stream that draws the errors of an estimate.
+const PRIOR_ERRORS: u64 = 0x7072_696f;
+
+/// The built-in machine with other values; `path`: keys with dots between.
+fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
+    let mut table: Table = include_str!("../../config/simulated.toml").parse().unwrap();
+    let fixed = [
+        ("simulated.seed", Value::Integer(seed as i64)),
+        ("method.self-calibration.monte_carlo_trials", Value::Integer(100)),
+    ];
+    for (path, value) in fixed.iter().chain(changes) {
+        let (tables, key) = path.rsplit_once('.').unwrap();
+        let inner = tables.split('.').fold(&mut table, |table, key| {
+            table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap()
+        });
+        inner.insert(key.to_owned(), value.clone());
+    }
+    MachineFile::parse("world.toml", toml::to_string(&table).unwrap()).unwrap()
+}
+
+/// Motions of C in all components to order 20, and nothing else that disturbs.
+fn quiet_machine(changes: &[(&str, Value)]) -> MachineFile {
+    let motion: Table =
+        "axis = \"C\"\nlinear_um = 4.0\nangular_urad = 40.0\nmax_order = 20".parse().unwrap();
+    let mut all = vec![
+        ("simulated.rotary_motion", Value::Array(vec![motion.into()])),
+        ("simulated.centre_offset_mm", vec![0.1, -0.05].into()),
+        ("machine.drift_um_per_h", 0.0.into()),
+        ("probe.repeatability_um", 0.001.into()),
+        ("probe.lobing_um", 0.0.into()),
+        ("probe.stylus_offset_um", 0.0.into()),
+    ];
+    for path in ["axes.X", "axes.Y", "axes.Z"] {
+        all.push((leak(format!("{path}.error_motion_um")), 0.0.into()));
+        all.push((leak(format!("{path}.resolution_um")), 0.0.into()));
+    }
+    all.extend_from_slice(changes);
+    machine(11, &all)
+}
+
+fn leak(text: String) -> &'static str {
+    text.leak()
+}
+
+/// What an estimate of the motions of `world` reports.
+#[derive(Clone, Copy)]
+struct Prior {
+    components: &'static [Axis],
+    /// 1 for the true motions.
+    sign: f64,
+    has_coefficients: bool,
+    /// Standard uncertainty of each coefficient; its errors are drawn from it by the seed.
+    u_um: f64,
+    seed: u64,
+}
+
+const EXACT: Prior =
+    Prior { components: &COMPONENTS, sign: 1.0, has_coefficients: true, u_um: 0.0, seed: 0 };
+
+impl Prior {
+    fn estimate(self, world: &World) -> Estimate {
+        let mut parameters: Vec<Json> = Vec::new();
+        let mut functions: Vec<Json> = Vec::new();
+        for component in self.components {
+            let symbol = format!("E{component}C");
+            let (unit, scale) = if component.is_linear() { ("um", 1e3) } else { ("urad", 1e6) };
+            let coefficients = self.coefficients(world, *component, scale);
+            let at = |deg: f64| -> f64 {
+                let term = |(i, [cos, sin]): (usize, &[f64; 2])| {
+                    let angle = (i + 1) as f64 * deg.to_radians();
+                    cos * angle.cos() + sin * angle.sin()
+                };
+                coefficients.iter().enumerate().map(term).sum()
+            };
+            let degrees: Vec<f64> = (0..=72).map(|i| 5.0 * f64::from(i)).collect();
+            functions.push(json!({
+                "symbol": symbol, "argument": "C", "argument_unit": "deg", "x": degrees, "unit": unit,
+                "y": degrees.iter().map(|deg| at(*deg)).collect::<Vec<_>>(),
+                "u": vec![self.u_um; degrees.len()],
+            }));
+            for (i, pair) in coefficients.iter().enumerate().filter(|_| self.has_coefficients) {
+                parameters.extend(["c", "s"].into_iter().zip(pair).map(|(part, value)| {
+                    json!({"symbol": format!("{symbol}_{part}{}", i + 1), "value": value,
+                        "unit": unit, "u": self.u_um, "U": 2.0 * self.u_um, "k": 2.0, "dof": null,
+                        "identifiable": true})
+                }));
+            }
+        }
+        let symbols: Vec<&Json> = parameters.iter().map(|own| &own["symbol"]).collect();
+        let mut rows = vec![vec![0.0; symbols.len()]; symbols.len()];
+        rows.iter_mut().enumerate().for_each(|(i, row)| row[i] = self.u_um.powi(2));
+        serde_json::from_value(json!({
+            "trued_estimate": 1, "method": "ball-plate", "parameters": parameters,
+            "functions": functions, "covariance": {"symbols": symbols, "rows": rows}, "rank": 1,
+            "unknowns": 1, "condition": 1.0, "gauge": [], "not_identifiable": [],
+            "residual_rms_um": 0.0, "degrees_of_freedom": 0, "chi2_per_dof": 1.0,
+            "verdict": "none", "warnings": [], "priors": [],
+        }))
+        .unwrap()
+    }
+
+    /// Cosine and sine parts of the orders from 1 on, in the unit of the estimate.
+    fn coefficients(self, world: &World, component: Axis, scale: f64) -> Vec<[f64; 2]> {
+        let angles: Vec<f64> = (0..SAMPLES).map(|i| TAU * i as f64 / SAMPLES as f64).collect();
+        let values: Vec<f64> =
+            angles.iter().map(|q| world.true_rotary_motion(Axis::C, component, *q)).collect();
+        let key = [PRIOR_ERRORS, component as u64];
+        let errors = Random::of(self.seed, &key).units(2 * MAX_ORDER, &[Shape::Normal]);
+        let part = |order: usize, of: fn(f64) -> f64, error: f64| {
+            let sum: f64 = angles.iter().zip(&values).map(|(q, v)| v * of(order as f64 * q)).sum();
+            self.sign * scale * sum * 2.0 / SAMPLES as f64 + self.u_um * error
+        };
+        let orders = (1..=MAX_ORDER).zip(errors.chunks(2));
+        orders.map(|(n, e)| [part(n, f64::cos, e[0]), part(n, f64::sin, e[1])]).collect()
+    }
+}
+
+/// Estimates of one world: without and with each of the priors, and the true axis, um.
+fn estimates(file: &MachineFile, priors: &[Prior]) -> (Vec<Estimate>, [f64; 2]) {
+    let (method, header) = setup::header(file, "self-calibration", None).unwrap();
+    let mut world = setup::world(file).unwrap();
+    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    let identify = |given: &[Estimate]| method.identify(&plan, &readings, given).unwrap();
+    let with = priors.iter().map(|prior| identify(&[prior.estimate(&world)]));
+    let estimates = std::iter::once(identify(&[])).chain(with).collect();
+    let middle = (readings[5].t_s + readings[readings.len() - 1].t_s) / 2.0;
+    (estimates, world.true_axis_mm(Axis::C, 50.0, middle).map(|mm| mm * 1e3))
+}
+
+fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
+    estimate.parameters.iter().find(|parameter| parameter.symbol == symbol).unwrap()
+}
+
+/// Distance of the axis position from the truth, um.
+fn off(estimate: &Estimate, truth: [f64; 2]) -> f64 {
+    let off = |i: usize| estimate.parameters[i].value - truth[i];
+    off(0).hypot(off(1))
+}
+
+/// Largest |value| of the error motions that self-calibration reports, um.
+fn largest_motion(estimate: &Estimate) -> f64 {
+    let is_motion = |f: &&Function| f.symbol.starts_with("EXC@") || f.symbol.starts_with("EYC@");
+    let own = estimate.functions.iter().filter(is_motion).flat_map(|f| &f.y);
+    own.map(|value| value.abs()).fold(0.0, f64::max)
+}
+
+/// Tilt of the axis, urad.
+fn tilt(estimate: &Estimate) -> f64 {
+    parameter(estimate, "EA0C").value.hypot(parameter(estimate, "EB0C").value)
+}
+
+/// Two heights, so that tilts and levers count. What is left is that of a machine without error motions; with the
+/// wrong sign it is twice that of the machine.
+fn assert_taken_out(changes: &[(&str, Value)]) {
+    let mut all = vec![("method.self-calibration.heights_mm", Value::from(vec![30.0, 70.0]))];
+    all.extend_from_slice(changes);
+    let wrong = Prior { sign: -1.0, ..EXACT };
+    let points = Prior { has_coefficients: false, ..EXACT };
+    let (found, truth) = estimates(&quiet_machine(&all), &[EXACT, points, wrong]);
+    let [without, exact, points, wrong] = found.as_slice() else { panic!("four estimates") };
+    let offs = found.iter().map(|one| off(one, truth)).collect::<Vec<_>>();
+    let motions = found.iter().map(largest_motion).collect::<Vec<_>>();
+    println!("axis {offs:.3?} um, motions {motions:.3?} um");
+    assert!(offs[0] > 0.5 && motions[0] > 5.0, "the machine must need it");
+    for (i, with) in [(1, exact), (2, points)] {
+        assert!(offs[i] < 0.02 && motions[i] < 0.05, "{offs:?} {motions:?}");
+        assert!(tilt(with) < 0.1, "{} urad", tilt(with));
+    }
+    assert!(tilt(without) > 1.0 && (tilt(wrong) - 2.0 * tilt(without)).abs() < 0.1);
+    assert!((offs[3] - 2.0 * offs[0]).abs() < 0.02 && motions[3] > 1.9 * motions[0]);
+}
+
+#[test]
+fn regress_known_motions_are_taken_out() {
+    assert_taken_out(&[]);
+}
+
+/// Coefficients are those of the commanded angle, in whatever sense it turns.
+#[test]
+fn regress_known_motions_of_a_reversed_axis_are_taken_out() {
+    assert_taken_out(&[("axes.C.positive", "reversed".into())]);
+}
+
+/// Five positions do not tell order 5 from the location of the axis. The declared magnitude is in the budget;
+/// known motions take its place.
+#[test]
+fn regress_known_motions_make_u_smaller_and_keep_it_true() {
+    const FULL: u64 = 1000;
+    let worlds = population(FULL);
+    let right = Prior { components: &[Axis::X, Axis::Y], u_um: 0.3, ..EXACT };
+    let of_world = |world: u64| {
+        let seed = 3000 + world;
+        let file = machine(
+            seed,
+            &[
+                ("axes.C.error_motion_um", 4.0.into()),
+                ("method.self-calibration.positions", Value::Integer(5)),
+            ],
+        );
+        let right = Prior { seed, ..right };
+        let (found, truth) = estimates(&file, &[right, Prior { sign: -1.0, ..right }]);
+        let squares = |estimate: &Estimate| {
+            let square = |i: usize| {
+                let own = &estimate.parameters[i];
+                [(own.value - truth[i]).powi(2), own.u.powi(2)]
+            };
+            let [x, y] = [square(0), square(1)];
+            [x[0] + y[0], x[1] + y[1]]
+        };
+        let expanded = |i: usize| found[i].parameters[0].expanded;
+        assert!(expanded(1) < 0.7 * expanded(0), "U {} without, {} with", expanded(0), expanded(1));
+        let lines = |i: usize| -> Vec<&str> {
+            found[i].parameters[0].budget.iter().map(|line| line.source.as_str()).collect()
+        };
+        assert!(
+            lines(0).contains(&"error motions of C") && !lines(1).contains(&"error motions of C")
+        );
+        assert!(lines(1).contains(&"estimate of ball-plate"));
+        found.iter().map(squares).collect::<Vec<[f64; 2]>>()
+    };
+    let all: Vec<Vec<[f64; 2]>> = (0..worlds).into_par_iter().map(of_world).collect();
+    let sum = |i: usize, k: usize| all.iter().map(|world| world[i][k]).sum::<f64>();
+    let ratio = |i: usize| (sum(i, 0) / sum(i, 1)).sqrt();
+    let (low, high) = ratio_bounds(2 * worlds, 2 * FULL, (0.93, 1.07));
+    println!(
+        "seen of stated: without {:.3}, with {:.3}, with the wrong sign {:.3}; bounds [{low:.3}, {high:.3}]",
+        ratio(0),
+        ratio(1),
+        ratio(2)
+    );
+    assert!((low..=high).contains(&ratio(0)) && (low..=high).contains(&ratio(1)));
+    assert!(sum(1, 0) < 0.5 * sum(0, 0) && sum(2, 0) > 2.0 * sum(0, 0) && ratio(2) > high);
+}
+
+/// At Z = 50 mm above `point_mm` a motion EBC displaces the part by EBC·50 mm in X, EAC by −EAC·50 mm in Y. With 1 µm
+/// and 20 µrad, fully correlated, both cancel or add up.
+#[test]
+fn regress_u_of_known_motions_keeps_their_correlation() {
+    let file = quiet_machine(&[]);
+    let (method, header) = setup::header(&file, "self-calibration", None).unwrap();
+    let mut world = setup::world(&file).unwrap();
+    let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
+    let prior = EXACT.estimate(&world);
+    let u_of_prior = |location: &str, correlated: [(&str, f64); 2]| {
+        let mut prior = prior.clone();
+        let covariance = &mut prior.covariance;
+        let index = |symbol: &str| covariance.symbols.iter().position(|own| own == symbol).unwrap();
+        let places = correlated.map(|(symbol, u)| (index(symbol), u));
+        for (i, u) in places {
+            places.iter().for_each(|(j, other)| covariance.rows[i][*j] = u * other);
+        }
+        let estimate = method.identify(&plan, &readings, &[prior]).unwrap();
+        let lines = &parameter(&estimate, location).budget;
+        lines.iter().find(|line| line.source == "estimate of ball-plate").map_or(0.0, |line| line.u)
+    };
+    for (location, motion, angular, sign) in
+        [("EX0C", "EXC_c8", "EBC_c8", 1.0), ("EY0C", "EYC_c8", "EAC_c8", -1.0)]
+    {
+        let added = u_of_prior(location, [(motion, 1.0), (angular, sign * 20.0)]);
+        let cancelled = u_of_prior(location, [(motion, 1.0), (angular, -sign * 20.0)]);
+        assert!((added - 2.0).abs() < 0.02 && cancelled < 0.02, "{location}: {added}, {cancelled}");
+        let of_other_order = u_of_prior(location, [(motion, 0.0), ("EXC_s7", 1.0)]);
+        assert!(of_other_order < 0.02, "{of_other_order}");
+    }
+}
