@@ -22,6 +22,8 @@ struct KnownMotion<'a> {
     prior: usize,
     /// The location error that displaces the axis as this motion does at one angle.
     error: ErrorParameter,
+    /// Height at which it holds, where it is not that of `point_mm`.
+    height_mm: Option<f64>,
     form: MotionForm<'a>,
 }
 
@@ -49,7 +51,8 @@ impl<'a> KnownMotions<'a> {
                     return Err(given_twice(function));
                 }
                 let form = MotionForm::new(estimate, error, function)?;
-                motions.push(KnownMotion { prior, error, form });
+                let height_mm = function.at_mm.map(|at_mm| at_mm[2]);
+                motions.push(KnownMotion { prior, error, height_mm, form });
             }
         }
         Ok(Self { priors, motions })
@@ -125,7 +128,8 @@ impl<'a> KnownMotions<'a> {
 
 impl KnownMotion<'_> {
     fn in_words(&self) -> String {
-        let name = format!("E{}{}", self.error.component(), self.error.axis());
+        let height = self.height_mm.map_or(String::new(), |z| format!(" (holds at Z = {z:.1} mm)"));
+        let name = format!("E{}{}{height}", self.error.component(), self.error.axis());
         match &self.form {
             MotionForm::Harmonics(terms) => {
                 let orders = terms.iter().filter_map(|(_, term)| order(term.parameter));

@@ -105,6 +105,7 @@ mod tests {
             y: y.to_vec(),
             u: x.iter().map(|deg| 0.1 + deg.abs() / 1000.0).collect(),
             figure: FigureKind::Polar,
+            at_mm: None,
         }
     }
 
