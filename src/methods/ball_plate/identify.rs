@@ -16,6 +16,7 @@ use crate::ball_measurement::{nonzero_columns, shifts, touch_sources};
 use crate::identification::declared::drift_mm_per_s;
 use crate::identification::{
     self, FitFigures, LinearFit, Solution, TrialPlan, UncertaintySource, block_covariances,
+    numbered_values, rms,
 };
 use estimation::linear::Survey;
 use estimation::monte_carlo::Trials;
@@ -94,6 +95,8 @@ fn estimate(solved: &Solved<'_>, sources: &[UncertaintySource]) -> Result<Estima
     let spectra = outputs::harmonic_functions(solved);
     let spectra = spectra.iter().map(|motion| identified.spectrum(motion, &solution.x));
     estimate.functions.splice(COMPONENTS.len()..COMPONENTS.len(), spectra);
+    let of_visit = solution.residuals.chunks(3).map(rms);
+    estimate.functions.push(numbered_values("residual_rms", "visit", of_visit));
     Ok(estimate)
 }
 

@@ -5,10 +5,12 @@ use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, Su
 use estimation::null_names::name_null_space;
 use faer::{Mat, MatRef};
 
+use super::harmonics::order_values;
 use super::model::{FitFigures, ObservationModel, Response, Solution, multiply, rms};
 use super::outputs::unit_slope;
 use super::source::{Effect, InResiduals, ObservationRun, UncertaintySource};
 use crate::IdentifyError;
+use machine::record::estimate::{Function, Unit};
 
 /// An output that contains more than this part of a lost direction is not identifiable.
 const MAX_LOST_SHARE: f64 = 1e-7;
@@ -209,6 +211,14 @@ impl BlockwiseFit {
             is_in_weights: false,
             ..UncertaintySource::new(name, effect)
         }
+    }
+}
+
+impl BlockwiseFit {
+    /// Root mean square of the residuals of each block, a harmonic from 1 on.
+    pub fn residuals(&self) -> Function {
+        let of = |(order, block): (f64, &BlockFit)| (order, rms(&block.residuals_mm) * 1e3);
+        order_values("residual_rms", Unit::Um, (1..).map(f64::from).zip(&self.blocks).map(of))
     }
 }
 

@@ -95,6 +95,36 @@ impl HarmonicFunction {
     }
 }
 
+/// Values over the harmonic order without a stated uncertainty, in `unit`.
+pub fn order_values(
+    symbol: &str,
+    unit: Unit,
+    points: impl Iterator<Item = (f64, f64)>,
+) -> Function {
+    let (x, y): (Vec<f64>, Vec<f64>) = points.unzip();
+    Function {
+        symbol: symbol.to_owned(),
+        argument: "order".to_owned(),
+        argument_unit: String::new(),
+        u: vec![0.0; x.len()],
+        x,
+        unit,
+        y,
+        figure: FigureKind::Spectrum,
+        at_mm: None,
+    }
+}
+
+/// Values in mm, numbered from 1 on, without a stated uncertainty: in the order of time they show what moved.
+pub fn numbered_values(symbol: &str, argument: &str, mm: impl Iterator<Item = f64>) -> Function {
+    let (x, y): (Vec<f64>, Vec<f64>) = (1..).map(f64::from).zip(mm.map(|mm| mm * 1e3)).unzip();
+    Function {
+        argument: argument.to_owned(),
+        figure: FigureKind::Points,
+        ..order_values(symbol, Unit::Um, x.into_iter().zip(y))
+    }
+}
+
 fn dot(slope: &[f64], x: &[f64]) -> f64 {
     slope.iter().zip(x).map(|(slope, x)| slope * x).sum()
 }

@@ -25,7 +25,7 @@ mod warnings;
 pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
 pub use error_motions::{RevolutionRanges, revolution_parameters, turning_axis_ranges};
 pub use estimate::{Identification, identify, reported_parameter};
-pub use harmonics::{Harmonic, HarmonicFunction};
+pub use harmonics::{Harmonic, HarmonicFunction, numbered_values, order_values};
 pub use known_motions::KnownMotions;
 pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,

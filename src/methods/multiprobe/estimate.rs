@@ -2,6 +2,7 @@
 
 use super::diagnosis::{Diagnosis, IndexCheck, check_indexes, clock_errors, swapped_channels};
 use super::layout::{Separation, noise_gain};
+use super::model::Channel;
 use super::observe::{Observed, observed};
 use super::outputs::ReportedMotions;
 use super::revolutions::revolution_values;
@@ -10,12 +11,12 @@ use super::setup::Setup;
 use super::sources::SourceSizes;
 use super::{Separated, identify};
 use crate::identification::declared::{drift_mm_per_s, linearity_of_revolutions};
-use crate::identification::{MisfitAdvice, TrialPlan};
+use crate::identification::{MisfitAdvice, TrialPlan, numbered_values, order_values};
 use crate::{IdentifyError, Refused};
 use estimation::monte_carlo::Trials;
 use estimation::revolutions::{HarmonicData, ResampleFilter, RowRevolutions};
 
-use machine::record::estimate::{Estimate, FigureKind, Function, Unit};
+use machine::record::estimate::{Estimate, Function, Unit};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
@@ -65,6 +66,8 @@ pub fn estimate(
         estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.forward));
     }
     estimate.functions.extend(noise_gains(&setup));
+    estimate.functions.push(separated.fit.residuals());
+    estimate.functions.extend(stability(&setup, &observed.rows));
     let mut gauge = separated.gauge.clone();
     let is_resampled = settings.sampling == TurnSampling::Continuous;
     gauge.extend(is_resampled.then(|| ResampleFilter::new(settings.positions).to_string()));
@@ -108,20 +111,24 @@ fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
     let function = |(symbol, separation): (&str, Separation)| {
         let gain = noise_gain(&layout, separation, 1..=setup.settings.harmonics).ok()?;
         let kept = gain.orders.iter().zip(&gain.gains).filter(|(_, gain)| gain.is_finite());
-        let (x, y): (Vec<f64>, Vec<f64>) = kept.map(|(order, gain)| (*order as f64, *gain)).unzip();
-        (!x.is_empty()).then(|| Function {
-            symbol: symbol.to_owned(),
-            argument: "order".to_owned(),
-            argument_unit: String::new(),
-            u: vec![0.0; x.len()],
-            x,
-            unit: Unit::Um,
-            y,
-            figure: FigureKind::Spectrum,
-            at_mm: None,
-        })
+        let points: Vec<(f64, f64)> = kept.map(|(order, gain)| (*order as f64, *gain)).collect();
+        (!points.is_empty()).then(|| order_values(symbol, Unit::Um, points.into_iter()))
     };
     separations.into_iter().filter_map(function).collect()
+}
+
+/// Of each sensor the mean of each revolution, less that of its mounting, in the order of time.
+fn stability(setup: &Setup<'_>, rows: &[RowRevolutions]) -> Vec<Function> {
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+    let of_row = |row: &RowRevolutions| {
+        let each: Vec<f64> = row.revolutions.iter().map(|revolution| mean(revolution)).collect();
+        each.iter().map(|own| own - mean(&each)).collect::<Vec<f64>>()
+    };
+    let of = |(number, channel): (usize, &Channel)| {
+        let own = rows.iter().filter(|row| row.row.channel == number);
+        numbered_values(&format!("stability_{}", channel.name), "revolution", own.flat_map(of_row))
+    };
+    setup.layout.channels.iter().enumerate().map(of).collect()
 }
 
 fn warnings(observed: &Observed, of_index: Option<String>, separated: &Separated) -> Vec<String> {

@@ -56,7 +56,8 @@ fn first_text(setup: &Setup<'_>) -> Result<String, Refused> {
     let names: Vec<&str> = setup.plan.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
     Ok(format!(
         "Mount the datum cylinder at 0° of its indexing stage and centre it by hand. Set the sensors ({}) to the \
-         middle of their ranges. The table will turn once.{}",
+         middle of their ranges. All axes will go to where `at` states them (rotary axes to 0° where it does not), then \
+         the table turns once.{}",
         names.join(", "),
         weak_points(&setup.layout, setup.settings.harmonics)?
     ))
