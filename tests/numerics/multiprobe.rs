@@ -487,3 +487,20 @@ fn the_linearity_error_scatters_as_its_line_of_the_budget_says() {
     println!("{ratio:.3} of {count} coefficients, within [{low:.3}, {high:.3}]");
     assert!((low..high).contains(&ratio), "{ratio}");
 }
+
+/// Without backlash, noise and error of the mounting a drift alone moves the means: evenly in time, forward and
+/// backward.
+#[test]
+fn stability_is_in_the_order_of_time() {
+    let changes = [
+        ("method.multiprobe.revolutions", Value::Integer(2)),
+        ("machine.drift_um_per_h", Value::Float(30.0)),
+    ];
+    let estimate = played(machine(1, &[&small()[..], &changes].concat()), 1).estimate().unwrap();
+    let stability = estimate.functions.iter().find(|f| f.symbol == "stability_x1").unwrap();
+    assert_eq!(stability.y.len(), 5 * 4);
+    for mounting in stability.y.chunks(4) {
+        let steps: Vec<f64> = mounting.windows(2).map(|pair| pair[1] - pair[0]).collect();
+        assert!(steps.iter().all(|step| step * steps[0] > 0.0), "{mounting:?}");
+    }
+}

@@ -16,7 +16,7 @@ use machine::record::reading::{Flag, Reading};
 /// What the readings show.
 #[derive(Default)]
 pub struct Observed {
-    /// Each channel at each index.
+    /// Each channel at each index; revolutions in the order of time.
     pub rows: Vec<RowRevolutions>,
     /// The same of the turns forward alone: these revolutions follow each other.
     pub forward: Vec<RowRevolutions>,
@@ -43,7 +43,11 @@ pub fn observed(setup: &Setup<'_>, readings: &[Reading]) -> Result<Observed, Ide
                 _ => continue,
             };
             let own = latest(step, readings)?;
-            let (of_scan, rejected) = revolutions(setup, &filter, step, index, &own);
+            let (mut of_scan, rejected) = revolutions(setup, &filter, step, index, &own);
+            if !is_forward {
+                // They come in the order of the angle.
+                of_scan.iter_mut().for_each(|row| row.revolutions.reverse());
+            }
             observed.reject(setup, step, rejected);
             observed.missing_stops += missing_stops(setup, step, &own);
             if is_forward {
