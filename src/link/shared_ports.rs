@@ -1,5 +1,5 @@
-//! Ports that several devices share: a serial port, or a converter behind TCP, is opened once, and whoever names it
-//! gets a handle of his own.
+//! Ports that several devices share: a serial port, or a converter behind TCP, is opened once, and each of
+//! them gets its own handle.
 
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -66,7 +66,7 @@ impl Refused {
 
     /// # Errors
     /// Too few Monte Carlo trials; 0 is the adaptive rule of JCGM 101.
-    pub fn unless_trials(count: usize) -> Result<(), Self> {
+    pub fn check_trials(count: usize) -> Result<(), Self> {
         Self::unless(
             count == 0 || count >= 100,
             format!("{count} Monte Carlo trials show no scatter"),

@@ -30,7 +30,7 @@ impl Stops {
     }
 
     /// Whether all samples are at stops, none on the way between two.
-    pub fn hold_all(self, samples: &[Sample]) -> bool {
+    pub fn contain_all(self, samples: &[Sample]) -> bool {
         let step = TAU / self.steps as f64;
         let is_at_stop = |angle: f64| (angle / step - (angle / step).round()).abs() < AT_STOP;
         samples.iter().all(|sample| is_at_stop(sample.angle_rad))

@@ -168,7 +168,8 @@ pub enum Sampling {
     Continuous {
         rate_hz: f64,
         /// Of a turn of one rotary axis: the samples are filtered to so many equal angles a revolution, from
-        /// 0° on, and these are the readings. Without it, every sample is one.
+        /// 0° on, and these are the readings: all samples are used, also more than `rate_hz`. Without it, every
+        /// sample is a reading.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         per_revolution: Option<usize>,
     },

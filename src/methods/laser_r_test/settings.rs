@@ -145,7 +145,7 @@ impl Settings {
             "leave it out, or choose about 10",
         )?;
         self.check_heights()?;
-        Refused::unless_trials(self.monte_carlo_trials)
+        Refused::check_trials(self.monte_carlo_trials)
     }
 
     fn check_heights(&self) -> Result<(), Refused> {

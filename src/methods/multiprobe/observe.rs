@@ -102,7 +102,7 @@ fn revolutions(
         let samples = samples(setup, readings.iter().filter(|reading| reading.sensor == *name));
         let stops = stops(setup, step);
         // A run filters a continuous turn to equal angles before it keeps the readings.
-        match is_dwell(setup) || stops.hold_all(&samples) {
+        match is_dwell(setup) || stops.contain_all(&samples) {
             true => stops.means(&samples),
             false => Resampler::of_turn(filter, stops.ends_rad, &samples),
         }

@@ -38,7 +38,7 @@ pub struct Settings {
     /// Rest at a stop before its samples, and how many are taken there of each sensor.
     pub dwell_s: f64,
     pub samples: u32,
-    /// Samples a second of a continuous turn.
+    /// Samples a second that each sensor gives at least in a continuous turn; more are used too.
     pub rate_hz: f64,
     /// Degrees a minute.
     pub feed_deg_min: f64,
@@ -128,7 +128,7 @@ impl Settings {
             "a standard uncertainty (u_…) is negative or no number",
             "correct it; 0 is exactly known",
         )?;
-        Refused::unless_trials(self.monte_carlo_trials)?;
+        Refused::check_trials(self.monte_carlo_trials)?;
         Refused::unless(
             self.revolutions > 1 || self.both_directions,
             "one revolution shows no scatter, and its uncertainty is not known",

@@ -60,7 +60,7 @@ impl Settings {
              not negative",
             "correct them",
         )?;
-        Refused::unless_trials(self.monte_carlo_trials)?;
+        Refused::check_trials(self.monte_carlo_trials)?;
         Refused::unless(
             self.feed_deg_min <= MAX_FEED_DEG_MIN,
             format!("feed_deg_min = {} is too fast for sensors about a sphere", self.feed_deg_min),

@@ -144,6 +144,6 @@ impl Settings {
             "form_limit_um and diameter_limit_um must be greater than 0",
             "leave them out, or choose about 15 and 30",
         )?;
-        Refused::unless_trials(self.monte_carlo_trials)
+        Refused::check_trials(self.monte_carlo_trials)
     }
 }

@@ -97,7 +97,7 @@ impl Settings {
             || "repeats must be at least 1 and at most 100, drift_order at most 3".to_owned(),
             "leave them out",
         )?;
-        Refused::unless_trials(self.monte_carlo_trials)
+        Refused::check_trials(self.monte_carlo_trials)
     }
 
     /// Whether the touches reach the part, wherever it stands.
