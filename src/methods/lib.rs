@@ -17,6 +17,7 @@ pub mod r_test;
 mod registry;
 pub mod samba;
 pub mod self_calibration;
+mod turns;
 
 pub use asking::asking;
 pub use registry::{METHODS, configure, description, names};
@@ -41,6 +42,22 @@ pub enum Next {
         new_steps: Vec<Step>,
     },
     Done,
+}
+
+impl Next {
+    /// A stage after the `done` ones, of steps that are not yet numbered.
+    pub fn new_steps(
+        plan: &Plan,
+        done: &[Stage],
+        name: impl Into<String>,
+        steps: Vec<Step>,
+    ) -> Self {
+        let id = done.last().map_or(0, |stage| stage.id + 1);
+        let new_steps = plan.numbered(id, steps);
+        let steps = new_steps.iter().map(|step| step.id).collect();
+        let stage = Stage { id, name: name.into(), repeat: 0, steps, found: None };
+        Self::Stage { stage, new_steps }
+    }
 }
 
 /// A request that cannot be met, and what would work instead.
@@ -72,6 +89,27 @@ impl Refused {
             format!("{count} Monte Carlo trials show no scatter"),
             "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
         )
+    }
+
+    /// # Errors
+    /// The first of the named settings that is not greater than 0, or that is negative.
+    pub fn check_numbers(
+        positive: &[(&str, f64)],
+        not_negative: &[(&str, f64)],
+    ) -> Result<(), Self> {
+        for (name, value) in positive {
+            let is_met = *value > 0.0 && value.is_finite();
+            Self::unless(is_met, format!("{name} = {value} is not greater than 0"), "correct it")?;
+        }
+        for (name, value) in not_negative {
+            let is_met = *value >= 0.0 && value.is_finite();
+            Self::unless(
+                is_met,
+                format!("{name} = {value} is negative or no number"),
+                "correct it",
+            )?;
+        }
+        Ok(())
     }
 
     /// # Errors

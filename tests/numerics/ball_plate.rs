@@ -208,7 +208,10 @@ fn what_cannot_be_measured_is_refused_before_motion() {
     let cases = [
         (vec![integer("method.ball-plate.sub_harmonics", 3)], "choose revolutions = 3"),
         (vec![integer("method.ball-plate.harmonics", 20)], "more than twice as many"),
-        (vec![integer("method.ball-plate.revolutions", 3)], "need 1080 degrees"),
+        (
+            vec![integer("method.ball-plate.revolutions", 3)],
+            "do not fit its limits, -360° to 360°; choose revolutions = 2",
+        ),
         (vec![integer("method.ball-plate.positions", 24)], "multiples of 360°/24"),
     ];
     for (changes, expected) in cases {

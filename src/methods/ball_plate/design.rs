@@ -11,6 +11,7 @@ use super::plate::Plate;
 use super::settings::Settings;
 use crate::Refused;
 use crate::ball_measurement::Visit;
+use crate::turns::Turns;
 use machine::record::plan::Plan;
 
 pub struct Design {
@@ -134,28 +135,12 @@ pub fn rigid_motion(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
 
 /// Steps of the stops from zero: rising, then back.
 fn numbers(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Vec<i64>, Refused> {
-    let (positions, revolutions) = (settings.positions as i64, settings.revolutions as i64);
-    let step_deg = 360.0 / positions as f64;
-    let span = positions * revolutions;
-    let spec = plan.machine.axes.get(&plate.axis);
-    let limits = spec.map_or((0.0, 0.0), |spec| (spec.min, spec.max));
-    let [low, high] = spec.map_or([0, 0], |spec| spec.multiples_within(step_deg));
-    let reaches = |first: i64| first >= low && first + span <= high;
-    let first =
-        [0, -span, low].into_iter().find(|first| reaches(*first)).ok_or_else(|| Refused {
-            why: format!(
-                "{} turns from {} to {} degrees: {revolutions} revolution(s) need {} degrees",
-                plate.axis,
-                limits.0,
-                limits.1,
-                360 * revolutions
-            ),
-            instead: "choose fewer revolutions, or state the true limits of the axis (min and max)"
-                .to_owned(),
-        })?;
-    let rising = first..first + span;
+    let Settings { positions, revolutions, .. } = *settings;
+    let steps = Turns { positions, revolutions, lead: 0 }.within(plan, plate.axis)?;
+    let (first, last) = (*steps.start(), *steps.end());
+    let rising = first..last;
     // The turn back begins one step beyond the last stop, and ends one step after the first.
-    let falling = (first + 1..=first + span).rev().filter(|_| settings.both_directions);
+    let falling = (first + 1..=last).rev().filter(|_| settings.both_directions);
     Ok(rising.chain(falling).collect())
 }
 

@@ -76,7 +76,7 @@ impl Centring {
 /// The centre of a section from the axis with the table at the angle `stands`, rad: the first harmonic of its
 /// sensors over the table's angle, which has the phase of γ − σq.
 fn offset_mm(setup: &Setup<'_>, section: usize, round: &[&Reading], stands: f64) -> [f64; 2] {
-    let sign = setup.layout.sense.sign();
+    let sign = setup.layout.turn;
     let (mut sum, mut sensors) = ([0.0; 2], 0.0);
     for channel in &setup.layout.channels {
         if channel.surface != Surface::Section(section) {

@@ -116,7 +116,8 @@ pub fn check_orders(
         || "add a sensor, or ask for fewer harmonics".to_owned(),
         |count| format!("index the artefact in {count} steps of {:.2}°", 360.0 / count as f64),
     );
-    let (sensors, lost, symbol) = (layout.channels.len(), lost.len(), component.symbol());
+    let (sensors, lost, symbol) =
+        (layout.channels.len(), lost.len(), component.symbol(layout.axis));
     let why = format!(
         "{sensors} sensors with {indexes} indexes suppress {lost} harmonics of the error motions, first {symbol} \
          harmonic {order}"
@@ -135,12 +136,16 @@ pub fn weak_points(layout: &ProbeLayout, harmonics: usize) -> Result<String, Ref
     let lost: Vec<String> = lost.iter().map(|(_, order)| order.to_string()).collect();
     let lost = match lost.as_slice() {
         [] => String::new(),
-        orders => format!(" Harmonics of EZC that are not measured: {}.", orders.join(", ")),
+        orders => {
+            let symbol = Component::Z.symbol(layout.axis);
+            format!(" Harmonics of {symbol} that are not measured: {}.", orders.join(", "))
+        }
     };
     let gain = noise_gain(&layout.first_section(), Separation::Combined, 2..=harmonics)?;
     let weakest = gain.gains.iter().zip(gain.orders).max_by(|a, b| a.0.total_cmp(b.0));
     let weakest = weakest.map(|(gain, order)| {
-        format!(" Least certain in EXC: harmonic {order}, {gain:.1} times the uncertainty of one sensor's")
+        let symbol = Component::X.symbol(layout.axis);
+        format!(" Least certain in {symbol}: harmonic {order}, {gain:.1} times the uncertainty of one sensor's")
     });
     Ok(lost + &weakest.unwrap_or_default())
 }

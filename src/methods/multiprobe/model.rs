@@ -7,7 +7,7 @@
 //! seen from +Z.
 //!
 //! A function of the commanded angle q is Re Σ M_k e^(ikq), so M_k = c − i·s for c·cos kq + s·sin kq.
-//! The table turns counter-clockwise by σq ([`TableSense`]), the artefact on it by the index angle φn
+//! The table turns counter-clockwise by σq ([`ProbeLayout::turn`]), the artefact on it by the index angle φn
 //! (also counter-clockwise). The surface w(ψ) under the sensor is at ψ = γ − σq − φn, and R_k is the
 //! harmonic of w(−σq):
 //! - radial, section at height z: M = (X + (z−z0)B) cos γ + (Y − (z−z0)A) sin γ + R e^(−iσk(γ−φn));
@@ -18,6 +18,7 @@
 
 use estimation::revolutions::Row;
 use faer::{Mat, c64};
+use machine::Axis;
 
 /// Where a sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,23 +35,6 @@ pub struct Channel {
     pub surface: Surface,
     /// γ, rad.
     pub angle_rad: f64,
-}
-
-/// Rotation of the table by a positive command, seen from +Z.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum TableSense {
-    CounterClockwise,
-    /// C of a table by ISO 841: the tool moves counter-clockwise relative to the workpiece.
-    Clockwise,
-}
-
-impl TableSense {
-    pub fn sign(self) -> f64 {
-        match self {
-            Self::CounterClockwise => 1.0,
-            Self::Clockwise => -1.0,
-        }
-    }
 }
 
 /// An unknown function of one revolution; each harmonic of it is one complex unknown.
@@ -73,13 +57,10 @@ impl Component {
         matches!(self, Self::Roundness(_) | Self::Face)
     }
 
-    pub fn symbol(self) -> String {
+    /// In the results of a table axis with the letter `axis`.
+    pub fn symbol(self, axis: Axis) -> String {
         match self {
-            Self::X => "EXC".to_owned(),
-            Self::Y => "EYC".to_owned(),
-            Self::A => "EAC".to_owned(),
-            Self::B => "EBC".to_owned(),
-            Self::Z => "EZC".to_owned(),
+            Self::X | Self::Y | Self::Z | Self::A | Self::B => format!("E{self:?}{axis}"),
             Self::Roundness(section) => format!("R{}", section + 1),
             Self::Face => "F".to_owned(),
         }
@@ -95,7 +76,10 @@ pub struct ProbeLayout {
     pub reference_z_mm: f64,
     /// φn, cumulative against the first mounting, rad.
     pub index_angles_rad: Vec<f64>,
-    pub sense: TableSense,
+    /// The table's axis, and σ: +1 where a positive command turns it counter-clockwise seen from +Z, −1 as C of
+    /// ISO 841, where the tool turns counter-clockwise against the workpiece.
+    pub axis: Axis,
+    pub turn: f64,
 }
 
 impl ProbeLayout {
@@ -124,7 +108,8 @@ impl ProbeLayout {
             section_z_mm: vec![0.0],
             reference_z_mm: 0.0,
             index_angles_rad: equal_steps_rad(indexes),
-            sense: TableSense::CounterClockwise,
+            axis: Axis::C,
+            turn: 1.0,
         }
     }
 
@@ -149,7 +134,7 @@ impl ProbeLayout {
         let Channel { surface, angle_rad, .. } = &self.channels[row.channel];
         let (sin, cos) = angle_rad.sin_cos();
         let artefact_angle = angle_rad - self.index_angles_rad[row.index];
-        let form = c64::cis(-self.sense.sign() * order as f64 * artefact_angle);
+        let form = c64::cis(-self.turn * order as f64 * artefact_angle);
         let real = |value: f64| c64::new(value, 0.0);
         let lever = |section: usize| self.section_z_mm[section] - self.reference_z_mm;
         match (*surface, component) {
@@ -186,7 +171,8 @@ impl ProbeLayout {
 
     /// Names of the columns of [`design`](Self::design).
     pub fn unknown_names(&self, order: usize) -> Vec<String> {
-        let name = |component: Component, part| format!("{}_{part}{order}", component.symbol());
+        let name =
+            |component: Component, part| format!("{}_{part}{order}", component.symbol(self.axis));
         self.components().into_iter().flat_map(|c| ["c", "s"].map(|part| name(c, part))).collect()
     }
 }

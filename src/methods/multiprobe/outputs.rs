@@ -31,9 +31,12 @@ impl<'a> ReportedMotions<'a> {
     pub fn new(layout: &'a ProbeLayout, fit: &'a SeparationFit, stage: StageEccentricity) -> Self {
         let removed = removed_directions(layout, fit, stage);
         let gauge = (!removed.is_empty()).then(|| {
-            "the co-rotating first harmonic of (EXC, EYC) and (EAC, EBC) is zero: inseparable from \
-             the eccentricity and tilt of the artefact and of the indexing stage"
-                .to_owned()
+            let [x, y, a, b] = [Component::X, Component::Y, Component::A, Component::B]
+                .map(|component| component.symbol(layout.axis));
+            format!(
+                "the co-rotating first harmonic of ({x}, {y}) and ({a}, {b}) is zero: inseparable from the \
+                 eccentricity and tilt of the artefact and of the indexing stage"
+            )
         });
         let of = |(column, component)| {
             let parts = fit.blocks.iter().enumerate().map(|(block, harmonic)| {
@@ -49,7 +52,9 @@ impl<'a> ReportedMotions<'a> {
     pub fn not_identifiable(&self) -> Vec<String> {
         let of = |(component, parts): &(Component, Vec<Option<Parts>>)| {
             let lost = parts.iter().zip(1..).filter(|(parts, _)| parts.is_none());
-            let name = |(_, order): (_, usize)| format!("{} harmonic {order}", component.symbol());
+            let name = |(_, order): (_, usize)| {
+                format!("{} harmonic {order}", component.symbol(self.layout.axis))
+            };
             lost.map(name).collect::<Vec<String>>()
         };
         self.parts.iter().flat_map(of).collect()
@@ -69,7 +74,7 @@ impl<'a> ReportedMotions<'a> {
         };
         let first = usize::from(component.is_form());
         HarmonicFunction {
-            symbol: component.symbol(),
+            symbol: component.symbol(self.layout.axis),
             unit: unit(*component),
             harmonics: parts.iter().enumerate().skip(first).filter_map(harmonic).collect(),
         }
@@ -84,7 +89,7 @@ impl<'a> ReportedMotions<'a> {
     /// Centre of a section against the table's axis at the first index and q = 0. It contains the
     /// co-rotating error motion.
     fn eccentricity(&self, section: usize) -> Vec<Output> {
-        let (layout, sign) = (self.layout, self.layout.sense.sign());
+        let (layout, sign) = (self.layout, self.layout.turn);
         let lever = layout.section_z_mm[section] - layout.reference_z_mm;
         let form = layout.components().iter().position(|c| *c == Component::Roundness(section));
         let index_angle = layout.index_angles_rad.first().copied().unwrap_or(0.0);

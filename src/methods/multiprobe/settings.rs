@@ -115,30 +115,29 @@ impl Settings {
                 "choose at most {MAX_INDEXES} indexes, {MAX_REVOLUTIONS} revolutions, {MAX_POSITIONS} positions"
             ),
         )?;
-        let declared = [
-            self.u_gain,
-            self.u_sensor_angle_deg,
-            self.u_section_distance_mm,
-            self.u_face_radius_mm,
-        ];
-        let of_stage =
-            [self.u_index_angle_deg, self.u_stage_um.unwrap_or(0.0), self.u_stage_tilt_urad];
-        Refused::unless(
-            declared.iter().chain(&of_stage).all(|u| *u >= 0.0 && u.is_finite()),
-            "a standard uncertainty (u_…) is negative or no number",
-            "correct it; 0 is exactly known",
+        Refused::check_numbers(
+            &[
+                ("feed_deg_min", self.feed_deg_min),
+                ("rate_hz", self.rate_hz),
+                ("eccentricity_limit_um", self.eccentricity_limit_um),
+                ("samples", self.samples.into()),
+            ],
+            &[
+                ("dwell_s", self.dwell_s),
+                ("u_gain", self.u_gain),
+                ("u_sensor_angle_deg", self.u_sensor_angle_deg),
+                ("u_section_distance_mm", self.u_section_distance_mm),
+                ("u_face_radius_mm", self.u_face_radius_mm),
+                ("u_index_angle_deg", self.u_index_angle_deg),
+                ("u_stage_um", self.u_stage_um.unwrap_or(0.0)),
+                ("u_stage_tilt_urad", self.u_stage_tilt_urad),
+            ],
         )?;
         Refused::check_trials(self.monte_carlo_trials)?;
         Refused::unless(
             self.revolutions > 1 || self.both_directions,
             "one revolution shows no scatter, and its uncertainty is not known",
             "choose revolutions = 2, or both_directions = true",
-        )?;
-        let lengths = [self.feed_deg_min, self.rate_hz, self.eccentricity_limit_um];
-        Refused::unless(
-            lengths.iter().all(|length| *length > 0.0) && self.dwell_s >= 0.0 && self.samples > 0,
-            "feed_deg_min, rate_hz, eccentricity_limit_um and samples must be greater than 0",
-            "correct them",
         )?;
         self.check_rate()
     }

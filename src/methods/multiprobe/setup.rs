@@ -2,7 +2,7 @@
 //! them.
 
 use super::checks;
-use super::model::{Channel, Component, ProbeLayout, Surface, TableSense, equal_steps_rad};
+use super::model::{Channel, Component, ProbeLayout, Surface, equal_steps_rad};
 use super::settings::Settings;
 use crate::Refused;
 use machine::artefact::{CylinderOnTable, ObservedSurface};
@@ -55,11 +55,8 @@ impl<'a> Setup<'a> {
                 _ => line.point.z,
             },
             index_angles_rad: equal_steps_rad(settings.indexes),
-            sense: if table.turn > 0.0 {
-                TableSense::CounterClockwise
-            } else {
-                TableSense::Clockwise
-            },
+            axis: table.axis,
+            turn: table.turn,
         };
         let at: Position = at.only(|axis| axis != table.axis);
         let reference_mm = [line.point.x, line.point.y, layout.reference_z_mm];

@@ -183,7 +183,7 @@ pub fn co_rotating_directions(
     let components = layout.components();
     let position = |component| components.iter().position(|c| *c == component);
     let (Some(i), Some(j)) = (position(first), position(second)) else { return Vec::new() };
-    let sign = layout.sense.sign();
+    let sign = layout.turn;
     // (cosine part, sine part) of the first and of the second component.
     let direction = |parts: [[f64; 2]; 2]| {
         let mut direction = vec![0.0; 2 * components.len()];

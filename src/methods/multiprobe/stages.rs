@@ -4,8 +4,9 @@
 use super::centring::{CENTRING_POINTS, Centring};
 use super::checks::weak_points;
 use super::label::Label;
-use super::settings::TurnSampling;
+use super::settings::{Settings, TurnSampling};
 use super::setup::Setup;
+use crate::turns::Turns;
 use crate::{Next, Refused, Source};
 use estimation::revolutions::KERNEL_HALF_STEPS;
 use machine::Position;
@@ -19,7 +20,6 @@ const MAX_CENTRING_ROUNDS: usize = 20;
 /// # Errors
 /// A turn that does not fit the axis limits; an artefact that is still not centred.
 pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-    let id = done.last().map_or(0, |stage| stage.id + 1);
     let labels: Vec<Label> = setup.plan.steps.iter().filter_map(|s| s.label.parse().ok()).collect();
     let count = |is: fn(&Label) -> bool| labels.iter().filter(|label| is(label)).count();
     let rounds = count(|label| matches!(label, Label::Centring(_)));
@@ -29,7 +29,7 @@ pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
         Source::Measured(readings) => Centring::of(setup, readings),
     };
     let off = measured.filter(|centring| !centring.is_within(setup));
-    let turn = Turn::new(setup)?;
+    let turn = turn_deg(setup)?;
     let (name, steps) = match (rounds, mounted, &off) {
         (0, _, _) => ("centring".to_owned(), centring(setup, &turn, 1, first_text(setup)?)?),
         (rounds, 0, Some(off)) if rounds < MAX_CENTRING_ROUNDS => {
@@ -47,9 +47,7 @@ pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
         }
         _ => return Ok(Next::Done),
     };
-    let new_steps = setup.plan.numbered(id, steps);
-    let ids = new_steps.iter().map(|step| step.id).collect();
-    Ok(Next::Stage { stage: Stage { id, name, repeat: 0, steps: ids, found: None }, new_steps })
+    Ok(Next::new_steps(setup.plan, done, name, steps))
 }
 
 fn first_text(setup: &Setup<'_>) -> Result<String, Refused> {
@@ -66,20 +64,20 @@ fn first_text(setup: &Setup<'_>) -> Result<String, Refused> {
 /// The prompt and one revolution in few stops.
 fn centring(
     setup: &Setup<'_>,
-    turn: &Turn,
+    turn_deg: &[f64],
     round: usize,
     text: String,
 ) -> Result<Vec<Step>, Refused> {
     let step_deg = 360.0 / CENTRING_POINTS as f64;
-    let angles = (0..=CENTRING_POINTS).map(|k| turn.start_deg(setup) + k as f64 * step_deg);
+    let angles = (0..=CENTRING_POINTS).map(|k| turn_deg[0] + k as f64 * step_deg);
     let scan = scan(setup, Label::Centring(round), StepKind::Scan, angles.collect(), rests(setup));
     let prompt = Step::prompt(format!("centre/{round}"), text);
     Ok(vec![prompt, scan])
 }
 
 /// Of one mounting, counted from 1.
-fn mounting(setup: &Setup<'_>, turn: &Turn, number: usize) -> Result<Vec<Step>, Refused> {
-    let turn_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
+fn mounting(setup: &Setup<'_>, turn_deg: &[f64], number: usize) -> Result<Vec<Step>, Refused> {
+    let index_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
     let text = match number {
         1 => format!(
             "The artefact is centred. Keep clear: at each mounting the table turns {}{}",
@@ -90,16 +88,16 @@ fn mounting(setup: &Setup<'_>, turn: &Turn, number: usize) -> Result<Vec<Step>, 
             if setup.settings.both_directions { " and back" } else { "" }
         ),
         _ => format!(
-            "Turn the artefact on its indexing stage to {turn_deg:.3}° against its first mounting, counter-clockwise \
+            "Turn the artefact on its indexing stage to {index_deg:.3}° against its first mounting, counter-clockwise \
              seen from its tip, and clamp it. Do not touch sensors and table"
         ),
     };
     // The first mounting is what all others are counted from.
-    let mount = (number > 1).then_some(ArtefactMount { turn_deg });
+    let mount = (number > 1).then_some(ArtefactMount { turn_deg: index_deg });
     let prompt = Step { mount, ..Step::prompt(Label::Mount(number).to_string(), text) };
-    let forward = turn.angles_deg(setup);
+    let forward = turn_deg.to_vec();
     let backward: Vec<f64> = forward.iter().rev().copied().collect();
-    let start = turn.start_deg(setup);
+    let start = turn_deg[0];
     let sampling = match setup.settings.sampling {
         TurnSampling::Dwell => rests(setup),
         TurnSampling::Continuous => Sampling::Continuous {
@@ -145,55 +143,22 @@ fn scan(
     }
 }
 
-/// The turn forward, in steps of 360°/positions.
-struct Turn {
-    first: i64,
-    last: i64,
-}
-
-impl Turn {
-    /// From zero where the limits of the axis have room for it, otherwise from the lower limit on.
-    ///
-    /// # Errors
-    /// The axis does not turn so often.
-    fn new(setup: &Setup<'_>) -> Result<Self, Refused> {
-        let settings = setup.settings;
-        // The filter needs samples before the first revolution and after the last; the first and the last
-        // step are incomplete, as the axis starts and stops there.
-        let lead = match settings.sampling {
-            TurnSampling::Dwell => 0,
-            TurnSampling::Continuous => KERNEL_HALF_STEPS as i64 + 1,
-        };
-        let whole = (settings.positions * settings.revolutions) as i64;
-        let step_deg = 360.0 / settings.positions as f64;
-        let spec = setup.plan.machine.axes.get(&setup.axis).ok_or_else(Refused::no_table)?;
-        let [low, high] = spec.multiples_within(step_deg);
-        let first = if low <= -lead && whole + lead <= high { -lead } else { low };
-        let last = first + whole + 2 * lead;
-        let (axis, revolutions) = (setup.axis, settings.revolutions);
-        let instead = match (high - low - 2 * lead).max(0) / settings.positions as i64 {
-            0 => format!("widen the limits in [axes.{axis}], if the axis turns farther"),
-            most => format!("choose revolutions = {most}"),
-        };
-        let (lead_deg, min, max) = (lead as f64 * step_deg, spec.min, spec.max);
-        let why = format!(
-            "{revolutions} revolutions of {axis} and {lead_deg:.0}° before and after them do not fit its limits, \
-             {min}° to {max}°"
-        );
-        Refused::unless(last <= high, why, instead)?;
-        Ok(Self { first, last })
-    }
-
-    fn start_deg(&self, setup: &Setup<'_>) -> f64 {
-        self.first as f64 * 360.0 / setup.settings.positions as f64
-    }
-
-    /// Points of the path.
-    fn angles_deg(&self, setup: &Setup<'_>) -> Vec<f64> {
-        let degrees = |number: i64| number as f64 * 360.0 / setup.settings.positions as f64;
-        match setup.settings.sampling {
-            TurnSampling::Dwell => (self.first..=self.last).map(degrees).collect(),
-            TurnSampling::Continuous => [self.first, self.last].map(degrees).to_vec(),
-        }
-    }
+/// Angles of the turn forward; of a continuous one its ends.
+///
+/// # Errors
+/// The axis does not turn so often.
+fn turn_deg(setup: &Setup<'_>) -> Result<Vec<f64>, Refused> {
+    let Settings { positions, revolutions, sampling, .. } = *setup.settings;
+    // The filter needs samples before the first revolution and after the last; the first and the last
+    // step are incomplete, as the axis starts and stops there.
+    let lead = match sampling {
+        TurnSampling::Dwell => 0,
+        TurnSampling::Continuous => KERNEL_HALF_STEPS + 1,
+    };
+    let steps = Turns { positions, revolutions, lead }.within(setup.plan, setup.axis)?;
+    let numbers: Vec<i64> = match sampling {
+        TurnSampling::Dwell => steps.collect(),
+        TurnSampling::Continuous => vec![*steps.start(), *steps.end()],
+    };
+    Ok(numbers.into_iter().map(|number| number as f64 * 360.0 / positions as f64).collect())
 }

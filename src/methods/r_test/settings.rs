@@ -52,13 +52,14 @@ impl Settings {
     /// # Errors
     /// Numbers that make no measurement.
     pub fn check(&self) -> Result<(), Refused> {
-        let lengths = [self.calibration_mm, self.feed_mm_min, self.feed_deg_min];
-        let is_positive = lengths.iter().all(|length| *length > 0.0) && self.samples > 0;
-        Refused::unless(
-            is_positive && self.dwell_s >= 0.0 && self.u_sphere_form_um >= 0.0,
-            "calibration_mm, feed_mm_min, feed_deg_min and samples must be greater than 0, dwell_s and u_sphere_form_um \
-             not negative",
-            "correct them",
+        Refused::check_numbers(
+            &[
+                ("calibration_mm", self.calibration_mm),
+                ("feed_mm_min", self.feed_mm_min),
+                ("feed_deg_min", self.feed_deg_min),
+                ("samples", self.samples.into()),
+            ],
+            &[("dwell_s", self.dwell_s), ("u_sphere_form_um", self.u_sphere_form_um)],
         )?;
         Refused::check_trials(self.monte_carlo_trials)?;
         Refused::unless(

@@ -5,6 +5,7 @@ use super::label::{BACKWARD, CALIBRATION, FORWARD, PROMPT, REFERENCE};
 use super::nest::Nest;
 use super::observe::observed;
 use super::settings::Settings;
+use crate::turns::Turns;
 use crate::{Next, Refused, Source};
 use machine::record::plan::{Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
@@ -28,13 +29,7 @@ pub fn next(nest: &Nest<'_>, done: &[Stage], source: Source<'_>) -> Result<Next,
         }
         _ => return Ok(Next::Done),
     };
-    let id = done.last().map_or(0, |stage| stage.id + 1);
-    let new_steps = nest.plan.numbered(id, steps);
-    let steps = new_steps.iter().map(|step| step.id).collect();
-    Ok(Next::Stage {
-        stage: Stage { id, name: name.to_owned(), repeat: 0, steps, found: None },
-        new_steps,
-    })
+    Ok(Next::new_steps(nest.plan, done, name, steps))
 }
 
 /// Before the table turns.
@@ -89,23 +84,14 @@ fn turns(nest: &Nest<'_>) -> Result<Vec<Step>, Refused> {
     ])
 }
 
-/// One revolution, from zero where the limits of the axis have room for it, otherwise from the lower limit on.
+/// Angles of one revolution.
 ///
 /// # Errors
 /// The axis does not turn so far.
 fn turn_deg(nest: &Nest<'_>) -> Result<Vec<f64>, Refused> {
-    let positions = nest.settings.positions as i64;
-    let step_deg = 360.0 / positions as f64;
-    let axis = nest.axis;
-    let spec = nest.plan.machine.axes.get(&axis).ok_or_else(Refused::no_table)?;
-    let [lowest, highest] = spec.multiples_within(step_deg);
-    let first = if lowest <= 0 && positions <= highest { 0 } else { lowest };
-    Refused::unless(
-        first + positions <= highest,
-        format!("a revolution of {axis} does not fit its limits, {}° to {}°", spec.min, spec.max),
-        format!("widen the limits in [axes.{axis}], if the axis turns farther"),
-    )?;
-    Ok((first..=first + positions).map(|number| number as f64 * step_deg).collect())
+    let positions = nest.settings.positions;
+    let steps = Turns { positions, revolutions: 1, lead: 0 }.within(nest.plan, nest.axis)?;
+    Ok(steps.map(|number| number as f64 * 360.0 / positions as f64).collect())
 }
 
 fn scan(

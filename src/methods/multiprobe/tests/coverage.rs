@@ -4,7 +4,7 @@
 use estimation::revolutions::{HarmonicData, RowRevolutions};
 use std::f64::consts::TAU;
 
-use super::super::model::{ProbeLayout, Surface, TableSense};
+use super::super::model::{ProbeLayout, Surface};
 use super::super::outputs::ReportedMotions;
 use super::super::revolutions::revolution_values;
 use super::super::settings::TurnSampling;
@@ -90,7 +90,7 @@ impl Covered {
 /// Noise of the sensors and an asynchronous motion along X that all radial sensors see together.
 #[test]
 fn regress_coverage_of_noise_and_asynchronous_motion() {
-    let layout = layout(3, TableSense::Clockwise);
+    let layout = layout(3, -1.0);
     let rows = layout.all_rows();
     for (asynchronous_mm, prefix) in [(0.0, "E"), (0.5e-3, "EXC"), (0.5e-3, "EB")] {
         let mut covered = Covered::default();
@@ -134,7 +134,7 @@ fn regress_coverage_of_all_sources() {
         drift_mm_per_revolution: 0.02e-3,
         linearity: Vec::new(),
     };
-    let nominal = layout(3, TableSense::Clockwise);
+    let nominal = layout(3, -1.0);
     let (mut covered, mut ratios) = (Covered::default(), Vec::new());
     for seed in 0..300 {
         let drawn = Drawn::new(&nominal, &sizes, seed);
@@ -185,7 +185,7 @@ impl Drawn {
     /// The stage's offset and tilt turn with the table; each revolution drifts anew.
     fn measured(&self, world: &World, seed: u64) -> Vec<RowRevolutions> {
         let mut moved = world.clone();
-        let sign = self.layout.sense.sign();
+        let sign = self.layout.turn;
         let [x, y, a, b] = self.stage;
         let turn = |terms: &mut Vec<Term>, cos: f64, sin: f64| {
             terms.push(Term { order: 1.0, a: cos, b: sin });
@@ -219,7 +219,7 @@ impl Drawn {
 
 #[test]
 fn regress_an_undeclared_stage_gives_eccentricity() {
-    let layout = layout(3, TableSense::Clockwise);
+    let layout = layout(3, -1.0);
     let world = World::random(2, ORDERS, 2, 1e-7);
     let measured = world.revolutions(
         &layout,
@@ -236,7 +236,7 @@ fn regress_an_undeclared_stage_gives_eccentricity() {
         outputs.all_parameters().find(|output| output.symbol == symbol).map(|output| output.value)
     };
     // The counter-rotating part remains: of x alone, half along X and half along Y.
-    let sign = layout.sense.sign();
+    let sign = layout.turn;
     let (x, y) = (world.x[0], world.y[0]);
     let counter_rotating = [(x.a - sign * y.b) / 2.0, (x.b + sign * y.a) / 2.0];
     assert!((value("EXC_c1").unwrap() - counter_rotating[0]).abs() < 1e-6);
@@ -257,7 +257,7 @@ fn regress_an_undeclared_stage_gives_eccentricity() {
 
 #[test]
 fn regress_trials_give_nonlinear_values_an_uncertainty() {
-    let layout = layout(3, TableSense::Clockwise);
+    let layout = layout(3, -1.0);
     let world = World::random(2, ORDERS, 2, 0.1e-3);
     let measured = world.revolutions(
         &layout,
@@ -285,7 +285,7 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
 /// Every other revolution is displaced by ±0.5 µm along X, every third sample of it alone.
 #[test]
 fn regress_asynchronous_and_total_values() {
-    let layout = layout(4, TableSense::Clockwise);
+    let layout = layout(4, -1.0);
     let world = World::random(2, ORDERS, 2, 0.0);
     let mut measured = world.revolutions(
         &layout,
@@ -320,7 +320,7 @@ fn regress_asynchronous_and_total_values() {
 /// One mounting: axial motion and form of the face are inseparable, and nothing of EZC is reported.
 #[test]
 fn regress_multiprobe_alone_reports_four_motions() {
-    let layout = layout(1, TableSense::Clockwise);
+    let layout = layout(1, -1.0);
     let world = World::random(2, ORDERS, 2, 1e-7);
     let size = ScanSize { samples: SAMPLES, revolutions: 3 };
     let measured = world.revolutions(&layout, &layout.all_rows(), size, 1);

@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use super::super::diagnosis::{
     Diagnosis, IndexCheck, check_indexes, clock_errors, swapped_channels,
 };
-use super::super::model::{ProbeLayout, TableSense};
+use super::super::model::ProbeLayout;
 use super::generator::{ScanSize, World};
 use super::nullities::layout;
 
@@ -24,7 +24,7 @@ fn data(world: &World, actual: &ProbeLayout, seed: u64) -> HarmonicData {
 
 #[test]
 fn regress_swapped_channels() {
-    let planned = layout(6, TableSense::Clockwise);
+    let planned = layout(6, -1.0);
     for (first, second) in [(0, 1), (1, 2), (0, 3), (2, 4), (5, 6)] {
         let world = World::random(first as u64, 8, 2, NOISE_MM);
         let mut actual = planned.clone();
@@ -44,7 +44,7 @@ fn regress_swapped_channels() {
 
 #[test]
 fn regress_wrong_index_of_a_lobed_artefact() {
-    let planned = layout(6, TableSense::Clockwise);
+    let planned = layout(6, -1.0);
     for (wrong, is_from_here_on, by_deg) in
         [(3, false, 60.0), (5, false, -12.3), (2, true, 60.0), (4, true, 1.0)]
     {
@@ -67,7 +67,7 @@ fn regress_wrong_index_of_a_lobed_artefact() {
 
 #[test]
 fn regress_right_indexes_and_a_round_artefact() {
-    let planned = layout(6, TableSense::Clockwise);
+    let planned = layout(6, -1.0);
     let mut world = World::random(1, 8, 2, NOISE_MM);
     let check = check_indexes(&planned, &data(&world, &planned, 2), 1.0).unwrap();
     assert_eq!(check, IndexCheck::Confirmed);
@@ -80,7 +80,7 @@ fn regress_right_indexes_and_a_round_artefact() {
 
 #[test]
 fn regress_a_clock_that_is_one_percent_fast() {
-    let layout = layout(3, TableSense::Clockwise);
+    let layout = layout(3, -1.0);
     let world = World::random(4, 8, 2, NOISE_MM);
     let rows = layout.all_rows();
     let mut measured =

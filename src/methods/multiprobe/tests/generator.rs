@@ -69,7 +69,7 @@ impl World {
     pub fn deviation(&self, layout: &ProbeLayout, row: Row, q: f64) -> f64 {
         let channel = &layout.channels[row.channel];
         let gamma = channel.angle_rad;
-        let on_artefact = gamma - layout.sense.sign() * q - layout.index_angles_rad[row.index];
+        let on_artefact = gamma - layout.turn * q - layout.index_angles_rad[row.index];
         let (a, b) = (sum(&self.a, q), sum(&self.b, q));
         match channel.surface {
             Surface::Section(section) => {

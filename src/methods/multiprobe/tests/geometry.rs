@@ -5,7 +5,7 @@ use estimation::revolutions::{HarmonicData, Row, RowRevolutions};
 use std::f64::consts::TAU;
 
 use super::super::fit::SeparationFit;
-use super::super::model::{ProbeLayout, Surface, TableSense};
+use super::super::model::{ProbeLayout, Surface};
 use super::generator::{World, sum};
 use super::nullities::layout;
 
@@ -17,7 +17,7 @@ const FACE_HEIGHT_MM: f64 = 150.0;
 fn reading(world: &World, layout: &ProbeLayout, row: Row, q: f64) -> f64 {
     let channel = &layout.channels[row.channel];
     let [x, y, z, a, b] = [&world.x, &world.y, &world.z, &world.a, &world.b].map(|t| sum(t, q));
-    let turned = layout.sense.sign() * q + layout.index_angles_rad[row.index];
+    let turned = layout.turn * q + layout.index_angles_rad[row.index];
     let (sin, cos) = channel.angle_rad.sin_cos();
     let mut distance = STAND_OFF_MM;
     match channel.surface {
@@ -44,8 +44,8 @@ fn reading(world: &World, layout: &ProbeLayout, row: Row, q: f64) -> f64 {
 
 #[test]
 fn regress_readings_in_space() {
-    for sense in [TableSense::CounterClockwise, TableSense::Clockwise] {
-        let layout = layout(7, sense);
+    for turn in [1.0, -1.0] {
+        let layout = layout(7, turn);
         let world = World::random(3, 6, 2, 0.0);
         let samples = 64;
         let row = |row: &Row| {
@@ -60,7 +60,7 @@ fn regress_readings_in_space() {
         for (k, harmonic) in fit.blocks.iter().enumerate() {
             let [x, y, a, b, z] =
                 [&world.x, &world.y, &world.a, &world.b, &world.z].map(|terms| terms[k]);
-            let form = |term: super::generator::Term| [term.a, -sense.sign() * term.b];
+            let form = |term: super::generator::Term| [term.a, -turn * term.b];
             let truth = [
                 [x.a, x.b],
                 [y.a, y.b],
@@ -77,7 +77,7 @@ fn regress_readings_in_space() {
                 worst = worst.max((harmonic.solution.x[j] * scale - truth).abs());
             }
         }
-        println!("{sense:?}: {worst:.2e} mm beyond the linear equation");
+        println!("{turn}: {worst:.2e} mm beyond the linear equation");
         // Below tangential displacement (2 µm) over the radius times the slope of the form (2 µm·6).
         assert!(worst < 1e-7, "{worst}");
     }

@@ -1,10 +1,10 @@
 //! Nullities of the architecture page: two sections with sensors at 0°, 90°, 230°, one axial sensor.
 
-use super::super::model::{Channel, ProbeLayout, Surface, TableSense};
+use super::super::model::{Channel, ProbeLayout, Surface};
 use estimation::linear::{RANK_THRESHOLD, survey};
 use estimation::revolutions::Row;
 
-pub fn layout(indexes: usize, sense: TableSense) -> ProbeLayout {
+pub fn layout(indexes: usize, turn: f64) -> ProbeLayout {
     let channel = |name: &str, surface, deg: f64| Channel {
         name: name.to_owned(),
         surface,
@@ -20,7 +20,8 @@ pub fn layout(indexes: usize, sense: TableSense) -> ProbeLayout {
         section_z_mm: vec![20.0, 120.0],
         reference_z_mm: 0.0,
         index_angles_rad: (0..indexes).map(|n| (n as f64 * step).to_radians()).collect(),
-        sense,
+        axis: machine::Axis::C,
+        turn,
     }
 }
 
@@ -30,8 +31,8 @@ fn nullity(layout: &ProbeLayout, rows: &[Row], order: usize) -> usize {
 
 #[test]
 fn paper_nullities_of_a_block() {
-    for sense in [TableSense::CounterClockwise, TableSense::Clockwise] {
-        let layout = layout(10, sense);
+    for turn in [1.0, -1.0] {
+        let layout = layout(10, turn);
         let all = layout.all_rows();
         let multiprobe: Vec<Row> = all.iter().copied().filter(|row| row.index == 0).collect();
         let is_of_pair = |row: &Row| ![2, 5].contains(&row.channel);

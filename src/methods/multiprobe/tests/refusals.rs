@@ -2,7 +2,7 @@
 
 use super::super::checks::{check_orders, check_sensor_angles, check_surfaces};
 use super::super::layout::{RANKED_ORDERS, Separation, noise_gain, third_angles};
-use super::super::model::{Component, ProbeLayout, Surface, TableSense};
+use super::super::model::{Component, ProbeLayout, Surface};
 use super::nullities::layout;
 use estimation::revolutions::{AngleRange, HarmonicData, Row, RowRevolutions};
 
@@ -19,12 +19,12 @@ fn regress_coinciding_and_opposed_sensors() {
         assert!(refused.instead.starts_with(instead), "{}", refused.instead);
         assert!(refused.why.contains("coincide or are opposed"));
     }
-    assert!(check_sensor_angles(&layout(10, TableSense::Clockwise)).is_ok());
+    assert!(check_sensor_angles(&layout(10, -1.0)).is_ok());
 }
 
 #[test]
 fn regress_a_step_that_suppresses_a_harmonic() {
-    let ten = layout(10, TableSense::Clockwise);
+    let ten = layout(10, -1.0);
     let radial = [Component::X, Component::Y, Component::A, Component::B];
     assert!(check_orders(&ten, &radial, 1..=20).is_ok());
     let refused = check_orders(&ten, &[Component::Z], 1..=20).unwrap_err();
@@ -33,7 +33,7 @@ fn regress_a_step_that_suppresses_a_harmonic() {
         refused.why.contains("suppress 2 harmonics") && refused.why.contains("EZC harmonic 10")
     );
     assert!(refused.instead.starts_with("index the artefact in 21 steps"));
-    let better = layout(21, TableSense::Clockwise);
+    let better = layout(21, -1.0);
     assert!(check_orders(&better, &[Component::Z], 1..=20).is_ok());
     // Two sensors and ten steps lose 10 and 20 of X; multiprobe alone loses nothing but the
     // co-rotating first harmonic.
@@ -83,7 +83,7 @@ fn regress_too_few_revolutions_and_samples() {
 
 #[test]
 fn regress_surfaces_that_the_equation_does_not_hold() {
-    let whole = layout(3, TableSense::Clockwise);
+    let whole = layout(3, -1.0);
     assert!(check_surfaces(&whole, &whole.all_rows()).is_ok());
     let why = |layout: &ProbeLayout| check_surfaces(layout, &whole.all_rows()).unwrap_err().why;
     let mut one_section = whole.clone();
