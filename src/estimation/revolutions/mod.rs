@@ -1,7 +1,8 @@
 //! Samples of several channels over revolutions of an axis to harmonics with their scatter: to equal angles by
 //! [`Resampler`] or from stops, the revolutions that all channels share, their harmonics; and what the samples show
-//! of a channel: saturation, a clock of its own.
+//! of a channel: saturation, a clock of its own, its gain and angle.
 
+mod calibration;
 mod clock;
 mod common;
 mod filter;
@@ -13,6 +14,7 @@ mod stops;
 #[cfg(test)]
 mod tests;
 
+pub use calibration::{RadialCalibration, RadialSensor, calibrate_radial};
 pub use clock::clock_error;
 pub use common::{
     RejectedRevolutions, Row, RowRevolutions, append_revolutions, common_revolutions,

@@ -3,8 +3,9 @@
 use std::f64::consts::TAU;
 
 use super::{
-    AngleRange, HarmonicBasis, KERNEL_HALF_STEPS, ResampleFilter, Resampled, Resampler, Sample,
-    common_revolutions, saturation::saturated_ranges,
+    AngleRange, HarmonicBasis, HarmonicData, KERNEL_HALF_STEPS, RadialSensor, ResampleFilter,
+    Resampled, Resampler, Row, RowRevolutions, Sample, calibrate_radial, common_revolutions,
+    saturation::saturated_ranges,
 };
 use crate::monte_carlo::{Random, Shape};
 
@@ -153,5 +154,66 @@ fn regress_saturation_over_ten_degrees() {
     // A display step of 0.5 µm flattens the peak over 11° by itself.
     for (noise_mm, step_mm) in [(0.0, 1e-6), (2e-5, 1e-5), (0.0, 5e-4)] {
         assert!(saturated_ranges(&scan(1.0, noise_mm, step_mm)).is_empty());
+    }
+}
+
+/// Sensors about a part whose centre moves as computed point by point, each with a gain and an angle of its own: the
+/// differences of gains and angles come back, their mean stays as declared, and errors are as large as stated.
+#[test]
+fn regress_gains_and_angles_from_the_eccentricity() {
+    const COUNT: usize = 90;
+    let nominal_deg: [f64; 3] = [0.0, 90.0, 230.0];
+    let (u_gain, u_angle_rad, noise_mm) = (5e-3, 5e-3, 0.05e-3);
+    for turn in [1.0, -1.0] {
+        let (mut squares, mut of_differences) = (0.0, 0.0);
+        let seeds = 100;
+        for seed in 0..seeds {
+            let units = Random::of(seed, &[7]).units(6 + 20 + 4 * 10 * 3 * COUNT, &[Shape::Normal]);
+            let (truth, rest) = units.split_at(6);
+            let (mountings, noise) = rest.split_at(20);
+            let mut noise = noise.iter();
+            let mut revolution = |sensor: usize, index: usize| -> Vec<f64> {
+                let place = nominal_deg[sensor].to_radians() + u_angle_rad * truth[3 + sensor];
+                let [ex, ey] = [0, 1].map(|k| 10e-3 * mountings[2 * index + k]);
+                let angles = (0..COUNT).map(|i| i as f64 * TAU / COUNT as f64);
+                let at = |q: f64| {
+                    let (sin, cos) = (turn * q).sin_cos();
+                    // The eccentricity turns with the part; 0.8 µm of motion turns against it.
+                    let x = ex * cos - ey * sin + 0.8e-3 * cos;
+                    let y = ex * sin + ey * cos - 0.8e-3 * sin;
+                    let seen = x * place.cos() + y * place.sin();
+                    (1.0 + u_gain * truth[sensor]) * seen + noise_mm * noise.next().unwrap()
+                };
+                angles.map(at).collect()
+            };
+            let mut rows = Vec::new();
+            for index in 0..10 {
+                for channel in 0..3 {
+                    let revolutions = vec![revolution(channel, index), revolution(channel, index)];
+                    rows.push(RowRevolutions { row: Row { index, channel }, revolutions });
+                }
+            }
+            let data = HarmonicData::from_revolutions(&rows, 3).unwrap();
+            let sensors = [0, 1, 2].map(|channel| {
+                let angle_rad = nominal_deg[channel].to_radians();
+                RadialSensor { channel, angle_rad, u_gain, u_angle_rad }
+            });
+            let found = calibrate_radial(&data, &sensors, turn).unwrap();
+            let error = |i: usize| found.deviations[i] - 5e-3 * truth[i];
+            squares += (0..6).map(|i| error(i).powi(2) / found.covariance[(i, i)]).sum::<f64>();
+            of_differences += [(0, 1), (1, 2), (3, 4), (4, 5)]
+                .iter()
+                .map(|(i, j)| {
+                    let u = found.covariance[(*i, *i)] + found.covariance[(*j, *j)]
+                        - 2.0 * found.covariance[(*i, *j)];
+                    assert!(u.sqrt() < 1e-3 && (error(*i) - error(*j)).abs() < 3e-3);
+                    (error(*i) - error(*j)).powi(2) / u
+                })
+                .sum::<f64>();
+        }
+        let (all, differences) =
+            (squares / (6 * seeds) as f64, of_differences / (4 * seeds) as f64);
+        println!("turn {turn}: mean of (error/u)² {all:.2}, of differences {differences:.2}");
+        assert!((0.8..1.25).contains(&all) && (0.75..1.3).contains(&differences));
     }
 }

@@ -4,7 +4,8 @@ use estimation::revolutions::{AngleRange, Row};
 use std::ops::RangeInclusive;
 
 use super::layout::{
-    MIN_SENSOR_ANGLE_DEG, Separation, noise_gain, sensor_angle_deg, third_angles, unit_noise_fit,
+    MIN_SENSOR_ANGLE_DEG, RANKED_ORDERS, Separation, noise_gain, sensor_angle_deg, third_angles,
+    unit_noise_fit,
 };
 use super::model::{Channel, Component, ProbeLayout, Surface, equal_steps_rad};
 use super::outputs::ReportedMotions;
@@ -13,6 +14,8 @@ use crate::Refused;
 
 /// A suggested sensor has at least this distance to the others, for its housing.
 const HOUSING_ANGLE_DEG: f64 = 30.0;
+/// A better angle is sought in these steps.
+const SOUGHT_STEP_DEG: f64 = 10.0;
 
 /// Refuses rows and surfaces that the observation equation does not hold.
 ///
@@ -56,32 +59,32 @@ pub fn check_surfaces(layout: &ProbeLayout, rows: &[Row]) -> Result<(), Refused>
 /// Refuses coinciding and opposed sensors of one section.
 ///
 /// # Errors
-/// The two sensors, and the best angle for the second of them.
-pub fn check_sensor_angles(layout: &ProbeLayout) -> Result<(), Refused> {
+/// The two sensors, and the best angle for the second of them outside the `exclusions`.
+pub fn check_sensor_angles(layout: &ProbeLayout, exclusions: &[AngleRange]) -> Result<(), Refused> {
     for (i, first) in layout.channels.iter().enumerate() {
         for second in &layout.channels[i + 1..] {
             let is_radial = matches!(first.surface, Surface::Section(_));
             let [a, b] = [first, second].map(|channel| channel.angle_rad.to_degrees());
             let is_near = sensor_angle_deg(a, b) < MIN_SENSOR_ANGLE_DEG;
             if is_radial && first.surface == second.surface && is_near {
-                return Err(coinciding(layout, first, second));
+                return Err(coinciding(layout, [first, second], exclusions));
             }
         }
     }
     Ok(())
 }
 
-fn coinciding(layout: &ProbeLayout, first: &Channel, second: &Channel) -> Refused {
-    let [a, b] = [first, second].map(|c| c.angle_rad.to_degrees().rem_euclid(360.0));
+fn coinciding(
+    layout: &ProbeLayout,
+    [first, second]: [&Channel; 2],
+    exclusions: &[AngleRange],
+) -> Refused {
+    let [a, b] = [first, second].map(angle_deg);
     let others =
         layout.channels.iter().filter(|c| c.surface == first.surface && c.name != second.name);
-    let others: Vec<f64> = others.map(|c| c.angle_rad.to_degrees().rem_euclid(360.0)).collect();
+    let others: Vec<f64> = others.map(angle_deg).collect();
     let better = match others.as_slice() {
-        [one, two, ..] => {
-            let exclusion = |deg: &f64| AngleRange::about(*deg, HOUSING_ANGLE_DEG);
-            let exclusions: Vec<AngleRange> = others.iter().map(exclusion).collect();
-            third_angles([*one, *two], 10.0, &exclusions).first().map(|(deg, _)| *deg)
-        }
+        [one, two, ..] => best_third([*one, *two], exclusions).map(|(deg, _)| deg),
         _ => Some((a + 90.0).rem_euclid(360.0)),
     };
     let place =
@@ -92,6 +95,18 @@ fn coinciding(layout: &ProbeLayout, first: &Channel, second: &Channel) -> Refuse
         first.name, second.name
     );
     Refused::new(why, format!("move {}{place}", second.name))
+}
+
+fn angle_deg(channel: &Channel) -> f64 {
+    channel.angle_rad.to_degrees().rem_euclid(360.0)
+}
+
+/// Where a third sensor has the least noise gain, degrees, and this gain. Its housing has room beside the others.
+fn best_third(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Option<(f64, f64)> {
+    let housings = pair_deg.map(|deg| AngleRange::about(deg, HOUSING_ANGLE_DEG));
+    let exclusions = [exclusions, &housings].concat();
+    let (deg, gain) = third_angles(pair_deg, SOUGHT_STEP_DEG, &exclusions).into_iter().next()?;
+    Some((deg, gain.rms))
 }
 
 /// Refuses a layout that loses one of the `orders` of an error motion. The co-rotating first harmonic is
@@ -129,7 +144,11 @@ pub fn check_orders(
 ///
 /// # Errors
 /// Angles that are not finite.
-pub fn weak_points(layout: &ProbeLayout, harmonics: usize) -> Result<String, Refused> {
+pub fn weak_points(
+    layout: &ProbeLayout,
+    harmonics: usize,
+    exclusions: &[AngleRange],
+) -> Result<String, Refused> {
     let axial: Vec<Component> =
         layout.components().into_iter().filter(|c| *c == Component::Z).collect();
     let lost = lost_orders(layout, &axial, &(1..=harmonics))?;
@@ -145,9 +164,24 @@ pub fn weak_points(layout: &ProbeLayout, harmonics: usize) -> Result<String, Ref
     let weakest = gain.gains.iter().zip(gain.orders).max_by(|a, b| a.0.total_cmp(b.0));
     let weakest = weakest.map(|(gain, order)| {
         let symbol = Component::X.symbol(layout.axis);
-        format!(" Least certain in {symbol}: harmonic {order}, {gain:.1} times the uncertainty of one sensor's")
+        format!(" Least certain in {symbol}: harmonic {order}, {gain:.1} times the uncertainty of one sensor's.")
     });
-    Ok(lost + &weakest.unwrap_or_default())
+    Ok(lost + &weakest.unwrap_or_default() + &third_sensor(&layout.first_section(), exclusions)?)
+}
+
+/// Noise gain of three sensors of one section without mountings, and the best place of the third.
+fn third_sensor(section: &ProbeLayout, exclusions: &[AngleRange]) -> Result<String, Refused> {
+    let [one, two, third] = section.channels.as_slice() else { return Ok(String::new()) };
+    let own = noise_gain(section, Separation::Multiprobe, RANKED_ORDERS)?.rms;
+    let best = best_third([one, two].map(angle_deg), exclusions).filter(|(_, gain)| *gain < own);
+    let better = best.map(|(deg, gain)| format!(", with {} at {deg:.0}° {gain:.2}", third.name));
+    Ok(format!(
+        " Noise gain of {}, {} and {} over harmonics 2 to 20 without mountings: {own:.2}{}.",
+        one.name,
+        two.name,
+        third.name,
+        better.unwrap_or_default()
+    ))
 }
 
 fn lost_orders(

@@ -1,5 +1,6 @@
 //! Plan + readings → estimate.
 
+use super::calibration::Calibration;
 use super::diagnosis::{Diagnosis, IndexCheck, check_indexes, clock_errors, swapped_channels};
 use super::layout::{Separation, noise_gain};
 use super::model::Channel;
@@ -40,15 +41,24 @@ pub fn estimate(
     settings: &Settings,
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
-    let setup = Setup::new(plan, settings)?;
+    let mut setup = Setup::new(plan, settings)?;
     let mut observed = observed(&setup, readings)?;
     if settings.sampling == TurnSampling::Continuous
         && let Some(fault) = clock_errors(&setup.layout, &observed.forward).into_iter().next()
     {
         return Err(refused(&fault));
     }
-    let sizes = settings.source_sizes(drift_mm_per_s(plan), observed.revolution_s);
+    let u_angle_rad = settings.u_sensor_angle_deg.to_radians();
+    let declared = Calibration::declared(setup.layout.channels.len(), settings.u_gain, u_angle_rad);
+    let sensors = declared.covariance.clone();
+    let mut sizes = settings.source_sizes(sensors, drift_mm_per_s(plan), observed.revolution_s);
     let index_warning = check_rows(&setup, &sizes, &mut observed)?;
+    let data = HarmonicData::from_revolutions(&observed.rows, settings.harmonics)?;
+    let calibration = Calibration::of(&setup.layout, &data, &declared);
+    calibration.correct(&mut observed.rows);
+    calibration.correct(&mut observed.forward);
+    setup.layout = calibration.corrected_layout(&setup.layout);
+    sizes.sensors = calibration.covariance.clone();
     let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
     let (_, separated) = separate(&setup, &observed.rows, &sizes, Some(trials))?;
@@ -65,6 +75,7 @@ pub fn estimate(
     if settings.sampling == TurnSampling::Continuous {
         estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.forward));
     }
+    estimate.parameters.extend(calibration.parameters(&setup.layout, &declared));
     estimate.functions.extend(noise_gains(&setup));
     estimate.functions.push(separated.fit.residuals());
     estimate.functions.extend(stability(&setup, &observed.rows));

@@ -6,6 +6,7 @@
 //! scatter; [`identify`] separates motion and artefact harmonic by harmonic. [`layout`] predicts before
 //! the measurement what a layout separates.
 
+mod calibration;
 mod centring;
 mod checks;
 mod diagnosis;

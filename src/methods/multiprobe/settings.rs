@@ -1,6 +1,7 @@
 //! Settings of the method, the table `[method.multiprobe]` of the machine file.
 
-use estimation::revolutions::ResampleFilter;
+use estimation::revolutions::{AngleRange, ResampleFilter};
+use faer::Mat;
 use serde::{Deserialize, Serialize};
 
 use super::sources::{SourceSizes, StageEccentricity};
@@ -44,6 +45,8 @@ pub struct Settings {
     pub feed_deg_min: f64,
     /// The artefact is centred until its sections are nearer to the axis than this.
     pub eccentricity_limit_um: f64,
+    /// Ranges of angles, counter-clockwise seen from +Z, where no sensor can stand: for the suggested places.
+    pub excluded_deg: Vec<[f64; 2]>,
     /// Standard uncertainties of what the machine file declares. Of a sensor's gain: relative.
     pub u_gain: f64,
     pub u_sensor_angle_deg: f64,
@@ -76,6 +79,7 @@ impl Default for Settings {
             rate_hz: 1000.0,
             feed_deg_min: 1080.0,
             eccentricity_limit_um: 20.0,
+            excluded_deg: Vec::new(),
             u_gain: 1e-3,
             u_sensor_angle_deg: 0.1,
             u_section_distance_mm: 0.05,
@@ -142,6 +146,12 @@ impl Settings {
         self.check_rate()
     }
 
+    pub fn exclusions(&self) -> Vec<AngleRange> {
+        let range =
+            |[from_deg, to_deg]: &[f64; 2]| AngleRange { from_deg: *from_deg, to_deg: *to_deg };
+        self.excluded_deg.iter().map(range).collect()
+    }
+
     /// Highest harmonic that the positions of one revolution show.
     fn highest_order(&self) -> usize {
         match self.sampling {
@@ -161,8 +171,13 @@ impl Settings {
         )
     }
 
-    /// `drift_mm_per_s`: of the artefact against the sensors.
-    pub fn source_sizes(&self, drift_mm_per_s: f64, revolution_s: f64) -> SourceSizes {
+    /// `sensors`: covariance of gains and angles. `drift_mm_per_s`: of the artefact against the sensors.
+    pub fn source_sizes(
+        &self,
+        sensors: Mat<f64>,
+        drift_mm_per_s: f64,
+        revolution_s: f64,
+    ) -> SourceSizes {
         let stage = |u_um: f64| StageEccentricity::Declared {
             u_mm: u_um * 1e-3,
             u_tilt_rad: self.u_stage_tilt_urad * 1e-6,
@@ -170,8 +185,7 @@ impl Settings {
         // Turns in both directions cancel a constant rate; what is left is in their scatter.
         let net = if self.both_directions { 0.0 } else { drift_mm_per_s * revolution_s };
         SourceSizes {
-            gain: self.u_gain,
-            channel_angle_rad: self.u_sensor_angle_deg.to_radians(),
+            sensors,
             section_distance_mm: self.u_section_distance_mm,
             face_radius_mm: self.u_face_radius_mm,
             index_angle_rad: self.u_index_angle_deg.to_radians(),

@@ -70,7 +70,7 @@ impl<'a> Setup<'a> {
     pub fn check(&self) -> Result<(), Refused> {
         let layout = &self.layout;
         checks::check_surfaces(layout, &layout.all_rows())?;
-        checks::check_sensor_angles(layout)?;
+        checks::check_sensor_angles(layout, &self.settings.exclusions())?;
         let is_radial =
             |c: &Component| matches!(c, Component::X | Component::Y | Component::A | Component::B);
         let motions: Vec<Component> = layout.components().into_iter().filter(is_radial).collect();

@@ -3,11 +3,16 @@
 
 use std::f64::consts::PI;
 
+use estimation::linear::lower_root;
 use estimation::revolutions::{HarmonicData, Row};
+use faer::Mat;
 
 use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout, Surface};
 use crate::identification::{Effect, EvaluationType, UncertaintySource};
+
+/// Difference of an angle for its derivative.
+const SMALL_ANGLE_RAD: f64 = 1e-3;
 
 /// Whether the co-rotating first harmonic of the motions is measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -21,9 +26,8 @@ pub enum StageEccentricity {
 /// Standard uncertainties of what the layout declares. Zero: exactly known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceSizes {
-    /// Relative, one a channel, as calibrated on the curved surface.
-    pub gain: f64,
-    pub channel_angle_rad: f64,
+    /// Covariance of the sensors' relative gains, then of their angles, rad: [`Calibration`](super::calibration).
+    pub sensors: Mat<f64>,
     /// Of the distance d of the sections.
     pub section_distance_mm: f64,
     /// Of the radius ρ of the axial sensors.
@@ -83,21 +87,16 @@ pub fn sources(
     fit: &SeparationFit,
     sizes: &SourceSizes,
 ) -> Vec<UncertaintySource> {
-    let channels = || 0..layout.channels.len();
     // The first mounting defines the angle of the artefact.
     let indexes = 1..layout.index_angles_rad.len();
-    let errors: [(&str, f64, Vec<LayoutError>); 4] = [
-        (
-            "sensor angle",
-            sizes.channel_angle_rad,
-            channels().map(LayoutError::ChannelAngle).collect(),
-        ),
+    let errors: [(&str, f64, Vec<LayoutError>); 3] = [
         ("index angle", sizes.index_angle_rad, indexes.map(LayoutError::IndexAngle).collect()),
         ("section distance", sizes.section_distance_mm, vec![LayoutError::SectionDistance]),
         ("face radius", sizes.face_radius_mm, vec![LayoutError::FaceRadius]),
     ];
-    let gains = channels().map(|channel| gain_error(data, channel, sizes.gain)).collect();
-    let mut all = vec![noise(data, fit), fit.declared_source("gain", gains)];
+    let of_sensors = sensor_errors(layout, data, fit, &sizes.sensors);
+    let mut all =
+        vec![noise(data, fit), fit.declared_source("gain and angle of the sensors", of_sensors)];
     for (name, u, errors) in errors {
         let columns = errors.iter().map(|error| error.column(u, layout, &data.rows, fit));
         all.push(fit.declared_source(name, columns.collect()));
@@ -117,14 +116,38 @@ fn noise(data: &HarmonicData, fit: &SeparationFit) -> UncertaintySource {
     UncertaintySource { evaluation, dof, ..UncertaintySource::new("noise", effect) }
 }
 
-fn gain_error(data: &HarmonicData, channel: usize, u: f64) -> Vec<f64> {
+/// Effects of independent draws of the gains and angles of all channels, mm.
+fn sensor_errors(
+    layout: &ProbeLayout,
+    data: &HarmonicData,
+    fit: &SeparationFit,
+    covariance: &Mat<f64>,
+) -> Vec<Vec<f64>> {
+    let channels = 0..layout.channels.len();
+    let gains = channels.clone().map(|channel| gain_effect(data, channel));
+    let angle = |channel| {
+        let column =
+            LayoutError::ChannelAngle(channel).column(SMALL_ANGLE_RAD, layout, &data.rows, fit);
+        column.into_iter().map(|effect| effect / SMALL_ANGLE_RAD).collect()
+    };
+    let effects: Vec<Vec<f64>> = gains.chain(channels.map(angle)).collect();
+    let root = lower_root(covariance);
+    let draw = |column: usize| {
+        let mut sum = vec![0.0; effects[0].len()];
+        for (effect, size) in effects.iter().zip(root.col_as_slice(column)) {
+            sum.iter_mut().zip(effect).for_each(|(sum, effect)| *sum += size * effect);
+        }
+        sum
+    };
+    (0..root.ncols()).map(draw).collect()
+}
+
+/// Change of all observations by a relative gain of 1 more of one channel.
+fn gain_effect(data: &HarmonicData, channel: usize) -> Vec<f64> {
     let of = |order: usize| {
         let observed = data.observations(order).into_iter().enumerate();
-        let size = |i: usize| match data.rows[i % data.rows.len()].channel == channel {
-            true => u,
-            false => 0.0,
-        };
-        observed.map(move |(i, m)| m * size(i)).collect::<Vec<f64>>()
+        let is_own = |i: usize| data.rows[i % data.rows.len()].channel == channel;
+        observed.map(move |(i, m)| if is_own(i) { m } else { 0.0 }).collect::<Vec<f64>>()
     };
     (1..=data.orders()).flat_map(of).collect()
 }

@@ -57,7 +57,7 @@ fn first_text(setup: &Setup<'_>) -> Result<String, Refused> {
          middle of their ranges. All axes will go to where `at` states them (rotary axes to 0° where it does not), then \
          the table turns once.{}",
         names.join(", "),
-        weak_points(&setup.layout, setup.settings.harmonics)?
+        weak_points(&setup.layout, setup.settings.harmonics, &setup.settings.exclusions())?
     ))
 }
 

@@ -4,6 +4,7 @@
 use estimation::revolutions::{HarmonicData, RowRevolutions};
 use std::f64::consts::TAU;
 
+use super::super::calibration::Calibration;
 use super::super::model::{ProbeLayout, Surface};
 use super::super::outputs::ReportedMotions;
 use super::super::revolutions::revolution_values;
@@ -15,9 +16,12 @@ use super::nullities::layout;
 use crate::identification::TrialPlan;
 use estimation::coverage::coverage_factor;
 use estimation::monte_carlo::{Random, Shape, Trials};
+use faer::Mat;
 
 const ORDERS: usize = 4;
 const SAMPLES: usize = 24;
+/// Of relative gains and of angles in rad.
+const U_SENSOR: f64 = 2e-3;
 
 fn range_of(values: &[f64]) -> f64 {
     let [largest, least] = [f64::max, f64::min].map(|pick| values.iter().copied().reduce(pick));
@@ -26,8 +30,7 @@ fn range_of(values: &[f64]) -> f64 {
 
 fn exact() -> SourceSizes {
     SourceSizes {
-        gain: 0.0,
-        channel_angle_rad: 0.0,
+        sensors: Mat::zeros(0, 0),
         section_distance_mm: 0.0,
         face_radius_mm: 0.0,
         index_angle_rad: 0.0,
@@ -125,8 +128,7 @@ fn regress_coverage_of_noise_and_asynchronous_motion() {
 #[test]
 fn regress_coverage_of_all_sources() {
     let sizes = SourceSizes {
-        gain: 2e-3,
-        channel_angle_rad: 2e-3,
+        sensors: Calibration::declared(7, U_SENSOR, U_SENSOR).covariance,
         section_distance_mm: 0.1,
         face_radius_mm: 0.1,
         index_angle_rad: 2e-3,
@@ -167,7 +169,7 @@ impl Drawn {
         layout.section_z_mm[1] += draw(sizes.section_distance_mm);
         let face = draw(sizes.face_radius_mm);
         for channel in &mut layout.channels {
-            channel.angle_rad += draw(sizes.channel_angle_rad);
+            channel.angle_rad += draw(U_SENSOR);
             if let Surface::Face { radius_mm } = &mut channel.surface {
                 *radius_mm += face;
             }
@@ -175,7 +177,7 @@ impl Drawn {
         for angle in &mut layout.index_angles_rad[1..] {
             *angle += draw(sizes.index_angle_rad);
         }
-        let gains = layout.channels.iter().map(|_| 1.0 + draw(sizes.gain)).collect();
+        let gains = layout.channels.iter().map(|_| 1.0 + draw(U_SENSOR)).collect();
         let StageEccentricity::Declared { u_mm, u_tilt_rad } = sizes.stage else { panic!() };
         let stage = [u_mm, u_mm, u_tilt_rad, u_tilt_rad].map(&mut draw);
         let drift = [sizes.drift_mm_per_revolution; 3].map(draw);

@@ -1,6 +1,6 @@
 //! What is refused, and what is named instead.
 
-use super::super::checks::{check_orders, check_sensor_angles, check_surfaces};
+use super::super::checks::{check_orders, check_sensor_angles, check_surfaces, weak_points};
 use super::super::layout::{RANKED_ORDERS, Separation, noise_gain, third_angles};
 use super::super::model::{Component, ProbeLayout, Surface};
 use super::nullities::layout;
@@ -14,12 +14,12 @@ fn regress_coinciding_and_opposed_sensors() {
         ([0.0, 180.0, 90.0], "move 180°: "),
     ] {
         let layout = ProbeLayout::radial(&angles, 10);
-        let refused = check_sensor_angles(&layout).unwrap_err();
+        let refused = check_sensor_angles(&layout, &[]).unwrap_err();
         println!("{} | {}", refused.why, refused.instead);
         assert!(refused.instead.starts_with(instead), "{}", refused.instead);
         assert!(refused.why.contains("coincide or are opposed"));
     }
-    assert!(check_sensor_angles(&layout(10, -1.0)).is_ok());
+    assert!(check_sensor_angles(&layout(10, -1.0), &[]).is_ok());
 }
 
 #[test]
@@ -64,6 +64,17 @@ fn regress_best_third_angle_outside_exclusions() {
     assert_eq!(lost.map(|(order, _)| *order).collect::<Vec<_>>(), [10, 20]);
     println!("combined {gain}");
     assert!(gain < 0.4);
+}
+
+/// The figures are those of METHODS section 3.
+#[test]
+fn the_prompt_tells_the_noise_gain_and_a_better_place() {
+    let probes = ProbeLayout::radial(&[0.0, 90.0, 230.0], 10);
+    let text =
+        |to_deg: f64| weak_points(&probes, 20, &[AngleRange { from_deg: 350.0, to_deg }]).unwrap();
+    let better = text(200.0);
+    assert!(better.contains("without mountings: 1.53, with 230° at 220° 1.48"), "{better}");
+    assert!(text(225.0).ends_with("without mountings: 1.53."), "{}", text(225.0));
 }
 
 #[test]
