@@ -1,23 +1,29 @@
-//! Gains and angles of radial sensors from the turns themselves: the eccentricity of the part, another one at each
-//! mounting, passes all sensors of a section alike. What is declared of them is an observation of its own, so the mean
-//! gain and the mean angle stay as declared.
+//! Gains and angles of sensors from the turns themselves: the eccentricity of the part, another one at each
+//! mounting, passes all radial sensors of a section alike. What is declared of the sensors is an observation of its
+//! own, so the mean gain and the mean angle of a section stay as declared, and all of a sensor that is not radial.
 //!
 //! First harmonic of the deviation that sensor i shows at mounting n, the part turning by σq:
 //! M = (1 + ε_i)·(P·e^(iσ(γ_i + δ_i)) + E_n·e^(−iσ(γ_i + δ_i))), P the error motion that turns against the part, E_n the
-//! eccentricity with all else that turns with it.
+//! eccentricity with all else that turns with it, both of the section.
+
+use std::collections::BTreeSet;
 
 use faer::{Mat, c64};
 
 use super::harmonics::HarmonicData;
-use crate::linear::{self, LinearProblem, RANK_THRESHOLD};
+use crate::linear::{self, LinearError, LinearProblem, RANK_THRESHOLD};
 
 /// Gauss–Newton: the deviations are small, and the second iteration is exact to their square.
 const ITERATIONS: usize = 6;
 
-/// A sensor of one section as declared.
+/// Standard uncertainty of what is exactly known.
+const EXACT: f64 = 1e-12;
+
+/// A sensor as declared.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RadialSensor {
-    pub channel: usize,
+pub struct DeclaredSensor {
+    /// `None`: it is not radial.
+    pub section: Option<usize>,
     /// γ, counter-clockwise, rad.
     pub angle_rad: f64,
     /// Standard uncertainties; that of the gain is relative.
@@ -27,56 +33,59 @@ pub struct RadialSensor {
 
 /// Deviations from what is declared.
 #[derive(Debug, Clone)]
-pub struct RadialCalibration {
+pub struct SensorCalibration {
     /// ε_i of all sensors, then δ_i, rad.
     pub deviations: Vec<f64>,
     pub covariance: Mat<f64>,
 }
 
-/// Of the sensors of one section, from the first harmonic of `data`. `turn`: σ, ±1. `None`: the rows do not determine
-/// them with P and E_n, or they are declared to be exactly known.
-pub fn calibrate_radial(
+/// Of all channels of `data`, from its first harmonic. `turn`: σ, ±1.
+///
+/// # Errors
+/// Rows that do not determine P and E_n, such as those of one sensor in a section.
+pub fn calibrate_sensors(
     data: &HarmonicData,
-    sensors: &[RadialSensor],
+    sensors: &[DeclaredSensor],
     turn: f64,
-) -> Option<RadialCalibration> {
-    let is_own = |row: &usize| sensors.iter().any(|s| s.channel == data.rows[*row].channel);
-    let rows: Vec<usize> = (0..data.rows.len()).filter(is_own).collect();
-    let mut mountings: Vec<usize> = rows.iter().map(|row| data.rows[*row].index).collect();
+) -> Result<SensorCalibration, LinearError> {
+    let section = |row: usize| sensors[data.rows[row].channel].section;
+    let rows: Vec<usize> = (0..data.rows.len()).filter(|row| section(*row).is_some()).collect();
+    let mut mountings: Vec<Mounting> =
+        rows.iter().map(|row| (section(*row), data.rows[*row].index)).collect();
     mountings.sort_unstable();
     mountings.dedup();
-    Equations { data, sensors, turn, rows, mountings }.solve()
+    let sections: BTreeSet<Option<usize>> = mountings.iter().map(|(section, _)| *section).collect();
+    let sections = sections.into_iter().collect();
+    Equations { data, sensors, turn, rows, sections, mountings }.solve()
 }
 
-/// Unknowns: gains, angles, P, then E_n mounting by mounting; of the complex ones real and imaginary part.
+/// Section and index.
+type Mounting = (Option<usize>, usize);
+
+/// Unknowns: gains, angles, P section by section, then E_n; of the complex ones real and imaginary part.
 struct Equations<'a> {
     data: &'a HarmonicData,
-    sensors: &'a [RadialSensor],
+    sensors: &'a [DeclaredSensor],
     turn: f64,
-    /// Numbers of the rows of `data`, and their mountings.
+    /// Numbers of the rows of `data`.
     rows: Vec<usize>,
-    mountings: Vec<usize>,
+    sections: Vec<Option<usize>>,
+    mountings: Vec<Mounting>,
 }
 
 impl Equations<'_> {
     fn unknowns(&self) -> usize {
-        2 * (self.sensors.len() + 1 + self.mountings.len())
+        2 * (self.sensors.len() + self.sections.len() + self.mountings.len())
     }
 
-    fn declared(&self) -> Vec<f64> {
+    fn solve(&self) -> Result<SensorCalibration, LinearError> {
         let gains = self.sensors.iter().map(|sensor| sensor.u_gain);
-        gains.chain(self.sensors.iter().map(|sensor| sensor.u_angle_rad)).collect()
-    }
-
-    fn solve(&self) -> Option<RadialCalibration> {
-        let declared = self.declared();
+        let angles = self.sensors.iter().map(|sensor| sensor.u_angle_rad);
+        let declared: Vec<f64> = gains.chain(angles).map(|u| u.max(EXACT)).collect();
         let (own, observations) = (declared.len(), 2 * self.rows.len());
-        let free = observations.checked_sub(self.unknowns() - own).filter(|free| *free > 0)?;
-        if declared.iter().any(|u| *u <= 0.0) {
-            return None;
-        }
+        let free = (observations + own).saturating_sub(self.unknowns()).max(1);
         let sigma_mm = self.data.sigma_mm(1);
-        let (mut x, mut covariance) = (vec![0.0; self.unknowns()], None);
+        let (mut x, mut covariance) = (vec![0.0; self.unknowns()], Mat::zeros(own, own));
         for iteration in 0..ITERATIONS {
             let (mut a, mut y) = self.rows_at(&x);
             let mut sigma: Vec<f64> =
@@ -92,19 +101,14 @@ impl Equations<'_> {
             });
             y.extend(x[..own].iter().map(|deviation| -deviation));
             sigma.extend(&declared);
-            let solution = linear::solve(&LinearProblem {
-                a: a.as_ref(),
-                y: &y,
-                sigma: &sigma,
-                constraints: None,
-                rank_threshold: RANK_THRESHOLD,
-            });
-            let solution = solution.ok()?;
+            let (a, constraints, rank_threshold) = (a.as_ref(), None, RANK_THRESHOLD);
+            let problem = LinearProblem { a, y: &y, sigma: &sigma, constraints, rank_threshold };
+            let solution = linear::solve(&problem)?;
             x.iter_mut().zip(&solution.x).for_each(|(x, step)| *x += step);
-            covariance = Some(solution.covariance);
+            covariance = solution.covariance.submatrix(0, 0, own, own).to_owned();
         }
-        let covariance = covariance?.submatrix(0, 0, own, own).to_owned();
-        Some(RadialCalibration { deviations: x[..own].to_vec(), covariance })
+        x.truncate(own);
+        Ok(SensorCalibration { deviations: x, covariance })
     }
 
     /// Derivatives and residuals of the rows, real and imaginary part of each.
@@ -115,9 +119,11 @@ impl Equations<'_> {
         let mut y = Vec::new();
         for (number, row) in self.rows.iter().enumerate() {
             let key = self.data.rows[*row];
-            let sensor = self.sensors.iter().position(|s| s.channel == key.channel).unwrap_or(0);
-            let mounting = self.mountings.iter().position(|n| *n == key.index).unwrap_or(0);
-            let (against, with) = (2 * count, 2 * (count + 1 + mounting));
+            let (sensor, section) = (key.channel, self.sensors[key.channel].section);
+            let motion = self.sections.iter().position(|s| *s == section).unwrap_or(0);
+            let mounting = self.mountings.iter().position(|m| *m == (section, key.index));
+            let against = 2 * (count + motion);
+            let with = 2 * (count + self.sections.len() + mounting.unwrap_or(0));
             let gain = 1.0 + x[sensor];
             let angle = self.sensors[sensor].angle_rad + x[count + sensor];
             let turned = c64::cis(self.turn * angle);

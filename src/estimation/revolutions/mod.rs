@@ -14,7 +14,7 @@ mod stops;
 #[cfg(test)]
 mod tests;
 
-pub use calibration::{RadialCalibration, RadialSensor, calibrate_radial};
+pub use calibration::{DeclaredSensor, SensorCalibration, calibrate_sensors};
 pub use clock::clock_error;
 pub use common::{
     RejectedRevolutions, Row, RowRevolutions, append_revolutions, common_revolutions,

@@ -3,8 +3,8 @@
 use std::f64::consts::TAU;
 
 use super::{
-    AngleRange, HarmonicBasis, HarmonicData, KERNEL_HALF_STEPS, RadialSensor, ResampleFilter,
-    Resampled, Resampler, Row, RowRevolutions, Sample, calibrate_radial, common_revolutions,
+    AngleRange, DeclaredSensor, HarmonicBasis, HarmonicData, KERNEL_HALF_STEPS, ResampleFilter,
+    Resampled, Resampler, Row, RowRevolutions, Sample, calibrate_sensors, common_revolutions,
     saturation::saturated_ranges,
 };
 use crate::monte_carlo::{Random, Shape};
@@ -196,9 +196,9 @@ fn regress_gains_and_angles_from_the_eccentricity() {
             let data = HarmonicData::from_revolutions(&rows, 3).unwrap();
             let sensors = [0, 1, 2].map(|channel| {
                 let angle_rad = nominal_deg[channel].to_radians();
-                RadialSensor { channel, angle_rad, u_gain, u_angle_rad }
+                DeclaredSensor { section: Some(0), angle_rad, u_gain, u_angle_rad }
             });
-            let found = calibrate_radial(&data, &sensors, turn).unwrap();
+            let found = calibrate_sensors(&data, &sensors, turn).unwrap();
             let error = |i: usize| found.deviations[i] - 5e-3 * truth[i];
             squares += (0..6).map(|i| error(i).powi(2) / found.covariance[(i, i)]).sum::<f64>();
             of_differences += [(0, 1), (1, 2), (3, 4), (4, 5)]

@@ -1,6 +1,6 @@
 //! Refusals of a layout before motion, each with a better layout.
 
-use estimation::revolutions::{AngleRange, Row};
+use estimation::revolutions::AngleRange;
 use std::ops::RangeInclusive;
 
 use super::layout::{
@@ -9,7 +9,6 @@ use super::layout::{
 };
 use super::model::{Channel, Component, ProbeLayout, Surface, equal_steps_rad};
 use super::outputs::ReportedMotions;
-use super::sources::StageEccentricity;
 use crate::Refused;
 
 /// A suggested sensor has at least this distance to the others, for its housing.
@@ -17,20 +16,13 @@ const HOUSING_ANGLE_DEG: f64 = 30.0;
 /// A better angle is sought in these steps.
 const SOUGHT_STEP_DEG: f64 = 10.0;
 
-/// Refuses rows and surfaces that the observation equation does not hold.
+/// Refuses surfaces that the observation equation does not hold.
 ///
 /// # Errors
-/// A row without channel or index; a section without height; a face without two sections, or with
+/// A section without height; a face without two sections, or with
 /// sensors on different radii.
-pub fn check_surfaces(layout: &ProbeLayout, rows: &[Row]) -> Result<(), Refused> {
+pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), Refused> {
     let refuse = |why: &str, instead: &str| Err(Refused::new(why, instead));
-    let (channels, indexes) = (layout.channels.len(), layout.index_angles_rad.len());
-    if rows.is_empty() || rows.iter().any(|row| row.channel >= channels || row.index >= indexes) {
-        return refuse(
-            "no measurements, or of channels or indexes that the layout lacks",
-            "correct them",
-        );
-    }
     let sections = layout.section_z_mm.len();
     let is_placed = |c: &Channel| !matches!(c.surface, Surface::Section(i) if i >= sections);
     if !(1..=2).contains(&sections) || !layout.channels.iter().all(is_placed) {
@@ -190,7 +182,7 @@ fn lost_orders(
     orders: &RangeInclusive<usize>,
 ) -> Result<Vec<(Component, usize)>, Refused> {
     let fit = unit_noise_fit(layout, layout.all_rows(), *orders.end())?;
-    let reported = ReportedMotions::new(layout, &fit, StageEccentricity::NotDeclared);
+    let reported = ReportedMotions::new(layout, &fit);
     let pairs = motions.iter().flat_map(|c| orders.clone().map(move |order| (*c, order)));
     Ok(pairs.filter(|(component, order)| !reported.has(*component, *order)).collect())
 }

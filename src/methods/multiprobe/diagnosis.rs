@@ -39,9 +39,9 @@ pub enum Diagnosis {
     ClockError { channel: String, relative: f64 },
 }
 
-/// Whether the data confirm the indexes.
+/// Whether the data confirm the layout.
 #[derive(Debug, Clone, PartialEq)]
-pub enum IndexCheck {
+pub enum LayoutCheck {
     Confirmed,
     /// The artefact is too round: a wrong index would not be noticed.
     NotConfirmed,
@@ -51,81 +51,73 @@ pub enum IndexCheck {
 }
 
 /// `expected`: χ² over its degrees of freedom where all is as declared, 1 for noise alone.
-fn is_credible((chi2, dof): (f64, usize), expected: f64) -> bool {
-    chi_square_bounds(dof as f64, CREDIBLE)
-        .is_none_or(|(_, upper)| chi2 <= upper * expected.max(1.0))
+fn is_credible((chi2, dof): (f64, usize), expected: f64, data: &HarmonicData) -> bool {
+    // The scatter behind the weights is itself estimated: the mean of 1/s² is larger than 1/σ².
+    let of_scatter = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
+    let expected = expected.max(1.0) / (1.0 - (2.0 / of_scatter).min(0.9));
+    chi_square_bounds(dof as f64, CREDIBLE).is_none_or(|(_, upper)| chi2 <= upper * expected)
 }
 
-/// Two channels whose exchange explains residuals that the layout does not. Without redundancy (one index,
-/// three sensors a section) nothing is found. `expected`: χ² over its degrees of freedom where all is as
-/// declared.
+/// Channels and mounting angles against the form of the artefact: the one change of the layout that explains residuals
+/// that it does not. Two channels may be exchanged, one index, or all from one on, wrong by the same angle. Without
+/// redundancy (one index, three sensors a section) nothing is found. `expected`: χ² over its degrees of freedom where
+/// all is as declared.
 ///
 /// # Errors
 /// As [`SeparationFit::new`].
-pub fn swapped_channels(
+pub fn check_layout(
     layout: &ProbeLayout,
     data: &HarmonicData,
     expected: f64,
-) -> Result<Option<Diagnosis>, IdentifyError> {
-    let as_planned = SeparationFit::new(layout, data)?.chi2();
-    if is_credible(as_planned, expected) {
-        return Ok(None);
-    }
-    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, None);
-    for second in 1..layout.channels.len() {
-        for first in 0..second {
-            let mut swapped = layout.clone();
-            swapped.channels.swap(first, second);
-            let (sum, _) = SeparationFit::new(&swapped, data)?.chi2();
-            if sum < best.0 {
-                best = (sum, Some((first, second)));
-            }
-        }
-    }
-    let name = |i: usize| layout.channels[i].name.clone();
-    Ok(best.1.map(|(a, b)| Diagnosis::SwappedChannels(name(a), name(b))))
-}
-
-/// The mounting angles against the form of the artefact. One index, or all from one on, may be wrong by
-/// the same angle. `expected` as for [`swapped_channels`].
-///
-/// # Errors
-/// As [`SeparationFit::new`].
-pub fn check_indexes(
-    layout: &ProbeLayout,
-    data: &HarmonicData,
-    expected: f64,
-) -> Result<IndexCheck, IdentifyError> {
+) -> Result<LayoutCheck, IdentifyError> {
     let fit = SeparationFit::new(layout, data)?;
     let as_planned = fit.chi2();
     let indexes = layout.index_angles_rad.len();
-    if is_credible(as_planned, expected) {
+    if is_credible(as_planned, expected, data) {
         let least = MIN_CONFIRMING_CHI2 * expected.max(1.0);
         let is_seen = (0..indexes).all(|n| shift_chi2(layout, data, &fit, n) > least);
-        return Ok(if is_seen { IndexCheck::Confirmed } else { IndexCheck::NotConfirmed });
+        let is_confirmed = indexes < 2 || is_seen;
+        return Ok(if is_confirmed { LayoutCheck::Confirmed } else { LayoutCheck::NotConfirmed });
     }
-    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, IndexCheck::Contradictory);
-    let mut mirrored = layout.clone();
-    mirrored.index_angles_rad.iter_mut().for_each(|angle| *angle = -*angle);
-    let (sum, _) = SeparationFit::new(&mirrored, data)?.chi2();
-    if sum < best.0 {
-        best = (sum, IndexCheck::Wrong(Diagnosis::MirroredIndexes));
+    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, None);
+    let mut compare = |sum: f64, wrong: Diagnosis| {
+        if sum < best.0 {
+            best = (sum, Some(wrong));
+        }
+    };
+    for (changed, wrong) in changed_layouts(layout) {
+        compare(SeparationFit::new(&changed, data)?.chi2().0, wrong);
     }
-    for first in 0..indexes {
-        for is_from_here_on in [false, true] {
-            let is_moved = |row: &Row| match is_from_here_on {
-                true => row.index >= first,
-                false => row.index == first,
-            };
-            let Some((sum, offset_rad)) = best_offset(layout, data, is_moved)? else { continue };
-            if sum < best.0 {
-                let offset_deg = offset_rad.to_degrees();
-                let wrong = Diagnosis::WrongIndex { first, is_from_here_on, offset_deg };
-                best = (sum, IndexCheck::Wrong(wrong));
-            }
+    for (first, is_from_here_on) in (0..indexes).flat_map(|n| [(n, false), (n, true)]) {
+        let is_moved = |row: &Row| match is_from_here_on {
+            true => row.index >= first,
+            false => row.index == first,
+        };
+        if let Some((sum, offset_rad)) = best_offset(layout, data, is_moved)? {
+            let offset_deg = offset_rad.to_degrees();
+            compare(sum, Diagnosis::WrongIndex { first, is_from_here_on, offset_deg });
         }
     }
-    Ok(best.1)
+    Ok(match best.1 {
+        Some(wrong) => LayoutCheck::Wrong(wrong),
+        None if indexes < 2 => LayoutCheck::Confirmed,
+        None => LayoutCheck::Contradictory,
+    })
+}
+
+/// With two channels exchanged, and with all mountings the other way round.
+fn changed_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, Diagnosis)> {
+    let channels = layout.channels.len();
+    let pairs = (1..channels).flat_map(|second| (0..second).map(move |first| (first, second)));
+    let swapped = pairs.map(|(first, second)| {
+        let mut changed = layout.clone();
+        changed.channels.swap(first, second);
+        let [one, other] = [first, second].map(|i| layout.channels[i].name.clone());
+        (changed, Diagnosis::SwappedChannels(one, other))
+    });
+    let mut mirrored = layout.clone();
+    mirrored.index_angles_rad.iter_mut().for_each(|angle| *angle = -*angle);
+    swapped.chain([(mirrored, Diagnosis::MirroredIndexes)]).collect()
 }
 
 /// χ² that a shift of one index by one step would add.

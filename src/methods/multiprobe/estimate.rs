@@ -1,7 +1,7 @@
 //! Plan + readings → estimate.
 
-use super::calibration::Calibration;
-use super::diagnosis::{Diagnosis, IndexCheck, check_indexes, clock_errors, swapped_channels};
+use super::calibration;
+use super::diagnosis::{Diagnosis, LayoutCheck, check_layout, clock_errors};
 use super::layout::{Separation, noise_gain};
 use super::model::Channel;
 use super::observe::{Observed, observed};
@@ -48,17 +48,14 @@ pub fn estimate(
     {
         return Err(refused(&fault));
     }
-    let u_angle_rad = settings.u_sensor_angle_deg.to_radians();
-    let declared = Calibration::declared(setup.layout.channels.len(), settings.u_gain, u_angle_rad);
-    let sensors = declared.covariance.clone();
-    let mut sizes = settings.source_sizes(sensors, drift_mm_per_s(plan), observed.revolution_s);
+    let mut sizes = settings.source_sizes(drift_mm_per_s(plan), observed.revolution_s);
     let index_warning = check_rows(&setup, &sizes, &mut observed)?;
     let data = HarmonicData::from_revolutions(&observed.rows, settings.harmonics)?;
-    let calibration = Calibration::of(&setup.layout, &data, &declared);
-    calibration.correct(&mut observed.rows);
-    calibration.correct(&mut observed.forward);
-    setup.layout = calibration.corrected_layout(&setup.layout);
-    sizes.sensors = calibration.covariance.clone();
+    let calibration = calibration::calibrate(&setup.layout, settings, &data)?;
+    calibration::correct_rows(&calibration, &mut observed.rows);
+    calibration::correct_rows(&calibration, &mut observed.forward);
+    calibration::correct_angles(&calibration, &mut setup.layout);
+    sizes.sensors = Some(calibration.covariance.clone());
     let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
     let (_, separated) = separate(&setup, &observed.rows, &sizes, Some(trials))?;
@@ -66,7 +63,7 @@ pub fn estimate(
     // The ranges, which tolerances are stated for, come first.
     let nonlinear = separated.identification.outputs.nonlinear.as_ref();
     estimate.parameters.rotate_right(nonlinear.map_or(0, |nonlinear| nonlinear.outputs.len()));
-    let motions = ReportedMotions::new(&setup.layout, &separated.fit, sizes.stage);
+    let motions = ReportedMotions::new(&setup.layout, &separated.fit);
     let with_harmonics = motions.motions().filter(|(_, motion)| !motion.harmonics.is_empty());
     estimate.functions.extend(
         with_harmonics
@@ -75,11 +72,11 @@ pub fn estimate(
     if settings.sampling == TurnSampling::Continuous {
         estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.forward));
     }
-    estimate.parameters.extend(calibration.parameters(&setup.layout, &declared));
+    estimate.parameters.extend(calibration::parameters(&calibration, &setup.layout, settings));
     estimate.functions.extend(noise_gains(&setup));
     estimate.functions.push(separated.fit.residuals());
     estimate.functions.extend(stability(&setup, &observed.rows));
-    let mut gauge = separated.gauge.clone();
+    let mut gauge = vec![separated.gauge.clone()];
     let is_resampled = settings.sampling == TurnSampling::Continuous;
     gauge.extend(is_resampled.then(|| ResampleFilter::new(settings.positions).to_string()));
     let mut not_identifiable = separated.not_identifiable.clone();
@@ -120,7 +117,7 @@ fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
         ("gain_combined", Separation::Combined),
     ];
     let function = |(symbol, separation): (&str, Separation)| {
-        let gain = noise_gain(&layout, separation, 1..=setup.settings.harmonics).ok()?;
+        let gain = noise_gain(&layout, separation, 2..=setup.settings.harmonics).ok()?;
         let kept = gain.orders.iter().zip(&gain.gains).filter(|(_, gain)| gain.is_finite());
         let points: Vec<(f64, f64)> = kept.map(|(order, gain)| (*order as f64, *gain)).collect();
         (!points.is_empty()).then(|| order_values(symbol, Unit::Um, points.into_iter()))
@@ -167,29 +164,25 @@ fn check_rows(
     let (data, first) = separate(setup, &observed.rows, sizes, None)?;
     let dof = first.identification.figures.dof.max(1) as f64;
     let expected = first.identification.propagation.misfit.expected / dof;
-    if let Some(fault) = swapped_channels(&setup.layout, &data, expected)? {
-        return Err(refused(&fault));
-    }
-    if setup.settings.indexes < 2 {
-        return Ok(None);
-    }
-    Ok(match check_indexes(&setup.layout, &data, expected)? {
-        IndexCheck::Confirmed => None,
-        IndexCheck::NotConfirmed => Some(
+    Ok(match check_layout(&setup.layout, &data, expected)? {
+        LayoutCheck::Confirmed => None,
+        LayoutCheck::NotConfirmed => Some(
             "the mountings are not confirmed: the artefact is too round for a wrong index to show"
                 .to_owned(),
         ),
-        IndexCheck::Contradictory => Some(
+        LayoutCheck::Contradictory => Some(
             "the mountings contradict each other by more than is declared, and no single wrong index explains it: the \
              form of the artefact (RONt) may be wrong"
                 .to_owned(),
         ),
-        IndexCheck::Wrong(fault @ Diagnosis::WrongIndex { first, is_from_here_on: false, .. }) => {
+        LayoutCheck::Wrong(
+            fault @ Diagnosis::WrongIndex { first, is_from_here_on: false, .. },
+        ) => {
             observed.rows.retain(|row| row.row.index != first);
             observed.forward.retain(|row| row.row.index != first);
             Some(format!("left out: {fault}"))
         }
-        IndexCheck::Wrong(fault) => return Err(refused(&fault)),
+        LayoutCheck::Wrong(fault) => return Err(refused(&fault)),
     })
 }
 

@@ -9,7 +9,6 @@ use faer::c64;
 use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout};
 use super::outputs::ReportedMotions;
-use super::sources::StageEccentricity;
 use crate::Refused;
 
 /// Harmonics that decide between layouts.
@@ -37,7 +36,7 @@ pub struct NoiseGain {
     pub rms: f64,
 }
 
-/// Of radial sensors of one section, over the harmonics `orders`.
+/// Of radial sensors of one section, over the harmonics `orders`, from 2 on.
 ///
 /// # Errors
 /// Angles that are not finite.
@@ -53,7 +52,7 @@ pub fn noise_gain(
     };
     let rows = layout.all_rows().into_iter().filter(is_used).collect();
     let fit = unit_noise_fit(layout, rows, *orders.end())?;
-    let motions = ReportedMotions::new(layout, &fit, PERFECT_STAGE);
+    let motions = ReportedMotions::new(layout, &fit);
     let gain = |order: usize| match motions.has(Component::X, order) {
         true => fit.blocks[order - 1].solution.covariance[(0, 0)].sqrt(),
         false => f64::INFINITY,
@@ -62,8 +61,6 @@ pub fn noise_gain(
     let rms = crate::identification::rms(&gains);
     Ok(NoiseGain { orders: orders.collect(), gains, rms })
 }
-
-const PERFECT_STAGE: StageEccentricity = StageEccentricity::Declared { u_mm: 0.0, u_tilt_rad: 0.0 };
 
 /// The fit of harmonics 1..=`orders` of zeros, each observation with a standard uncertainty of 1 mm.
 pub fn unit_noise_fit(

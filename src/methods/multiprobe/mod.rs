@@ -97,7 +97,7 @@ struct Separated {
     pub identification: Identification,
     pub fit: SeparationFit,
     /// Fixed by convention.
-    pub gauge: Vec<String>,
+    pub gauge: String,
     /// Harmonics that are not reported, and the combinations of unknowns that the rows do not separate.
     pub not_identifiable: Vec<String>,
 }
@@ -106,7 +106,7 @@ struct Separated {
 /// `trials`.
 ///
 /// # Errors
-/// Rows or surfaces that the layout does not hold; values that are not finite; fewer than two trials.
+/// Values that are not finite; fewer than two trials.
 fn identify(
     layout: &ProbeLayout,
     data: &HarmonicData,
@@ -114,11 +114,8 @@ fn identify(
     sampling: TurnSampling,
     trials: Option<TrialPlan>,
 ) -> Result<Separated, IdentifyError> {
-    checks::check_surfaces(layout, &data.rows)?;
-    let has_harmonics = data.orders() > 0;
-    Refused::unless(has_harmonics, "no harmonics to separate", "ask for at least one harmonic")?;
     let fit = SeparationFit::new(layout, data)?;
-    let motions = ReportedMotions::new(layout, &fit, sizes.stage);
+    let motions = ReportedMotions::new(layout, &fit);
     // The values by ISO 230-7 and the roundness have their uncertainty from the trials.
     let nonlinear = motions.ranges(sampling);
     let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };

@@ -177,6 +177,27 @@ impl ProbeLayout {
     }
 }
 
+/// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first
+/// harmonic. None where the layout shows no such pair.
+pub fn co_rotating_directions(
+    layout: &ProbeLayout,
+    first: Component,
+    second: Component,
+) -> Vec<Vec<f64>> {
+    let components = layout.components();
+    let position = |component| components.iter().position(|c| *c == component);
+    let (Some(i), Some(j)) = (position(first), position(second)) else { return Vec::new() };
+    let sign = layout.turn;
+    // (cosine part, sine part) of the first and of the second component.
+    let direction = |parts: [[f64; 2]; 2]| {
+        let mut direction = vec![0.0; 2 * components.len()];
+        direction[2 * i..2 * i + 2].copy_from_slice(&parts[0]);
+        direction[2 * j..2 * j + 2].copy_from_slice(&parts[1]);
+        direction
+    };
+    vec![direction([[1.0, 0.0], [0.0, sign]]), direction([[0.0, -sign], [1.0, 0.0]])]
+}
+
 /// Angles of `count` equal steps of one revolution, from 0 on.
 pub fn equal_steps_rad(count: usize) -> Vec<f64> {
     let count = count.max(1);

@@ -3,9 +3,8 @@
 use machine::record::estimate::Unit;
 
 use super::fit::SeparationFit;
-use super::model::{Component, ProbeLayout};
+use super::model::{Component, ProbeLayout, co_rotating_directions};
 use super::settings::TurnSampling;
-use super::sources::{StageEccentricity, co_rotating_directions};
 use crate::identification::{
     Harmonic, HarmonicFunction, NonlinearOutputs, Output, Outputs, range_outputs,
     turning_axis_ranges,
@@ -23,21 +22,20 @@ pub struct ReportedMotions<'a> {
     fit: &'a SeparationFit,
     /// Components × harmonics from 1 on. `None`: not identifiable.
     parts: Vec<(Component, Vec<Option<Parts>>)>,
-    /// Why the first harmonic has no co-rotating part, where it has none.
-    pub gauge: Vec<String>,
+    /// Why the first harmonic has no co-rotating part.
+    pub gauge: String,
 }
 
 impl<'a> ReportedMotions<'a> {
-    pub fn new(layout: &'a ProbeLayout, fit: &'a SeparationFit, stage: StageEccentricity) -> Self {
-        let removed = removed_directions(layout, fit, stage);
-        let gauge = (!removed.is_empty()).then(|| {
-            let [x, y, a, b] = [Component::X, Component::Y, Component::A, Component::B]
-                .map(|component| component.symbol(layout.axis));
-            format!(
-                "the co-rotating first harmonic of ({x}, {y}) and ({a}, {b}) is zero: inseparable from the \
-                 eccentricity and tilt of the artefact and of the indexing stage"
-            )
-        });
+    pub fn new(layout: &'a ProbeLayout, fit: &'a SeparationFit) -> Self {
+        let pairs = [(Component::X, Component::Y), (Component::A, Component::B)];
+        let co_rotating = |(a, b)| co_rotating_directions(layout, a, b);
+        let removed: Vec<Vec<f64>> = pairs.into_iter().flat_map(co_rotating).collect();
+        let [(x, y), (a, b)] = pairs.map(|(a, b)| (a.symbol(layout.axis), b.symbol(layout.axis)));
+        let gauge = format!(
+            "the co-rotating first harmonic of ({x}, {y}) and ({a}, {b}) is zero: inseparable from the eccentricity \
+             and tilt of the artefact and of the indexing stage"
+        );
         let of = |(column, component)| {
             let parts = fit.blocks.iter().enumerate().map(|(block, harmonic)| {
                 harmonic.identifiable_parts(column, if block == 0 { &removed } else { &[] })
@@ -45,7 +43,7 @@ impl<'a> ReportedMotions<'a> {
             (component, parts.collect())
         };
         let components = layout.components().into_iter().enumerate();
-        Self { layout, fit, parts: components.map(of).collect(), gauge: Vec::from_iter(gauge) }
+        Self { layout, fit, parts: components.map(of).collect(), gauge }
     }
 
     /// Symbols and harmonics that the rows do not determine.
@@ -159,20 +157,4 @@ pub fn unit(component: Component) -> Unit {
         Component::A | Component::B => Unit::Urad,
         _ => Unit::Um,
     }
-}
-
-/// Orthogonal directions of the first harmonic that no motion contains: its co-rotating part, unless the
-/// rows determine it and the stage is declared.
-fn removed_directions(
-    layout: &ProbeLayout,
-    fit: &SeparationFit,
-    stage: StageEccentricity,
-) -> Vec<Vec<f64>> {
-    let pairs = [(Component::X, Component::Y), (Component::A, Component::B)];
-    let co_rotating = |(a, b)| co_rotating_directions(layout, a, b);
-    let directions: Vec<Vec<f64>> = pairs.into_iter().flat_map(co_rotating).collect();
-    let is_determined =
-        |direction: &Vec<f64>| fit.blocks.first().is_none_or(|first| first.determines(direction));
-    let is_declared = stage != StageEccentricity::NotDeclared;
-    if is_declared && directions.iter().all(is_determined) { Vec::new() } else { directions }
 }

@@ -1,10 +1,9 @@
 //! Settings of the method, the table `[method.multiprobe]` of the machine file.
 
 use estimation::revolutions::{AngleRange, ResampleFilter};
-use faer::Mat;
 use serde::{Deserialize, Serialize};
 
-use super::sources::{SourceSizes, StageEccentricity};
+use super::sources::SourceSizes;
 use crate::Refused;
 use machine::Position;
 
@@ -54,11 +53,6 @@ pub struct Settings {
     pub u_face_radius_mm: f64,
     /// Of the angle of one mounting.
     pub u_index_angle_deg: f64,
-    /// Eccentricity of the indexing stage against the table, along X and Y, and its tilt. Absent: it may be
-    /// any, and the co-rotating first harmonic is reported as eccentricity.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub u_stage_um: Option<f64>,
-    pub u_stage_tilt_urad: f64,
     /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
     pub monte_carlo_trials: usize,
 }
@@ -85,8 +79,6 @@ impl Default for Settings {
             u_section_distance_mm: 0.05,
             u_face_radius_mm: 0.1,
             u_index_angle_deg: 0.02,
-            u_stage_um: None,
-            u_stage_tilt_urad: 0.0,
             monte_carlo_trials: 0,
         }
     }
@@ -133,8 +125,6 @@ impl Settings {
                 ("u_section_distance_mm", self.u_section_distance_mm),
                 ("u_face_radius_mm", self.u_face_radius_mm),
                 ("u_index_angle_deg", self.u_index_angle_deg),
-                ("u_stage_um", self.u_stage_um.unwrap_or(0.0)),
-                ("u_stage_tilt_urad", self.u_stage_tilt_urad),
             ],
         )?;
         Refused::check_trials(self.monte_carlo_trials)?;
@@ -171,25 +161,17 @@ impl Settings {
         )
     }
 
-    /// `sensors`: covariance of gains and angles. `drift_mm_per_s`: of the artefact against the sensors.
-    pub fn source_sizes(
-        &self,
-        sensors: Mat<f64>,
-        drift_mm_per_s: f64,
-        revolution_s: f64,
-    ) -> SourceSizes {
-        let stage = |u_um: f64| StageEccentricity::Declared {
-            u_mm: u_um * 1e-3,
-            u_tilt_rad: self.u_stage_tilt_urad * 1e-6,
-        };
+    /// `drift_mm_per_s`: of the artefact against the sensors.
+    pub fn source_sizes(&self, drift_mm_per_s: f64, revolution_s: f64) -> SourceSizes {
         // Turns in both directions cancel a constant rate; what is left is in their scatter.
         let net = if self.both_directions { 0.0 } else { drift_mm_per_s * revolution_s };
         SourceSizes {
-            sensors,
+            gain: self.u_gain,
+            channel_angle_rad: self.u_sensor_angle_deg.to_radians(),
+            sensors: None,
             section_distance_mm: self.u_section_distance_mm,
             face_radius_mm: self.u_face_radius_mm,
             index_angle_rad: self.u_index_angle_deg.to_radians(),
-            stage: self.u_stage_um.map_or(StageEccentricity::NotDeclared, stage),
             drift_mm_per_revolution: net,
             linearity: Vec::new(),
         }

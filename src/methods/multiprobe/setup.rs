@@ -69,7 +69,7 @@ impl<'a> Setup<'a> {
     /// The first thing that is lost, with a better layout.
     pub fn check(&self) -> Result<(), Refused> {
         let layout = &self.layout;
-        checks::check_surfaces(layout, &layout.all_rows())?;
+        checks::check_surfaces(layout)?;
         checks::check_sensor_angles(layout, &self.settings.exclusions())?;
         let is_radial =
             |c: &Component| matches!(c, Component::X | Component::Y | Component::A | Component::B);

@@ -9,31 +9,24 @@ use faer::Mat;
 
 use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout, Surface};
-use crate::identification::{Effect, EvaluationType, UncertaintySource};
+use crate::identification::{EvaluationType, UncertaintySource};
 
 /// Difference of an angle for its derivative.
 const SMALL_ANGLE_RAD: f64 = 1e-3;
 
-/// Whether the co-rotating first harmonic of the motions is measured.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum StageEccentricity {
-    /// The stage may be eccentric by any amount: the co-rotating part is reported as eccentricity.
-    NotDeclared,
-    /// Standard uncertainty, along X and Y, of the stage's axis against the table's axis.
-    Declared { u_mm: f64, u_tilt_rad: f64 },
-}
-
 /// Standard uncertainties of what the layout declares. Zero: exactly known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceSizes {
-    /// Covariance of the sensors' relative gains, then of their angles, rad: [`Calibration`](super::calibration).
-    pub sensors: Mat<f64>,
+    /// Relative, one a channel, as declared.
+    pub gain: f64,
+    pub channel_angle_rad: f64,
+    /// Covariance of the gains, then of the angles, once they are calibrated.
+    pub sensors: Option<Mat<f64>>,
     /// Of the distance d of the sections.
     pub section_distance_mm: f64,
     /// Of the radius ρ of the axial sensors.
     pub face_radius_mm: f64,
     pub index_angle_rad: f64,
-    pub stage: StageEccentricity,
     /// Drift of the artefact against the sensors along X, Y and Z during one revolution, net of
     /// revolutions in the other direction.
     pub drift_mm_per_revolution: f64,
@@ -94,7 +87,7 @@ pub fn sources(
         ("section distance", sizes.section_distance_mm, vec![LayoutError::SectionDistance]),
         ("face radius", sizes.face_radius_mm, vec![LayoutError::FaceRadius]),
     ];
-    let of_sensors = sensor_errors(layout, data, fit, &sizes.sensors);
+    let of_sensors = sensor_errors(layout, data, fit, sizes);
     let mut all =
         vec![noise(data, fit), fit.declared_source("gain and angle of the sensors", of_sensors)];
     for (name, u, errors) in errors {
@@ -103,7 +96,6 @@ pub fn sources(
     }
     all.push(fit.declared_source("linearity of the sensors", sizes.linearity.clone()));
     all.push(fit.declared_source("drift", drift(layout, data, sizes.drift_mm_per_revolution)));
-    all.push(stage_eccentricity(layout, fit, sizes.stage));
     all.retain(|source| !source.is_zero());
     all
 }
@@ -121,9 +113,10 @@ fn sensor_errors(
     layout: &ProbeLayout,
     data: &HarmonicData,
     fit: &SeparationFit,
-    covariance: &Mat<f64>,
+    sizes: &SourceSizes,
 ) -> Vec<Vec<f64>> {
-    let channels = 0..layout.channels.len();
+    let count = layout.channels.len();
+    let channels = 0..count;
     let gains = channels.clone().map(|channel| gain_effect(data, channel));
     let angle = |channel| {
         let column =
@@ -131,7 +124,10 @@ fn sensor_errors(
         column.into_iter().map(|effect| effect / SMALL_ANGLE_RAD).collect()
     };
     let effects: Vec<Vec<f64>> = gains.chain(channels.map(angle)).collect();
-    let root = lower_root(covariance);
+    let declared = |i: usize| if i < count { sizes.gain } else { sizes.channel_angle_rad };
+    let independent =
+        || Mat::from_fn(2 * count, 2 * count, |i, j| if i == j { declared(i) } else { 0.0 });
+    let root = sizes.sensors.as_ref().map_or_else(independent, lower_root);
     let draw = |column: usize| {
         let mut sum = vec![0.0; effects[0].len()];
         for (effect, size) in effects.iter().zip(root.col_as_slice(column)) {
@@ -166,53 +162,4 @@ fn drift(layout: &ProbeLayout, data: &HarmonicData, size_mm: f64) -> Vec<Vec<f64
     };
     let moved = |c: &Component| matches!(c, Component::X | Component::Y | Component::Z);
     (0..components.len()).filter(|j| moved(&components[*j])).map(column).collect()
-}
-
-/// The stage's axis turns with the table: its offset adds a co-rotating first harmonic to X and Y, its
-/// tilt one to A and B. Both pass into the unknowns.
-fn stage_eccentricity(
-    layout: &ProbeLayout,
-    fit: &SeparationFit,
-    stage: StageEccentricity,
-) -> UncertaintySource {
-    let mut direct_changes = Vec::new();
-    if let StageEccentricity::Declared { u_mm, u_tilt_rad } = stage {
-        let pairs = [(Component::X, Component::Y, u_mm), (Component::A, Component::B, u_tilt_rad)];
-        for (first, second, u) in pairs {
-            let directions = co_rotating_directions(layout, first, second);
-            let draw = |direction: Vec<f64>| {
-                let mut change = vec![0.0; fit.x.len()];
-                change.iter_mut().zip(direction).for_each(|(c, d)| *c = u * d);
-                change
-            };
-            direct_changes.extend(directions.into_iter().map(draw));
-        }
-    }
-    let effect = Effect::Joint(vec![Vec::new(); direct_changes.len()]);
-    UncertaintySource {
-        effect,
-        direct_changes,
-        ..fit.declared_source("stage eccentricity", Vec::new())
-    }
-}
-
-/// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first
-/// harmonic. None where the layout shows no such pair.
-pub fn co_rotating_directions(
-    layout: &ProbeLayout,
-    first: Component,
-    second: Component,
-) -> Vec<Vec<f64>> {
-    let components = layout.components();
-    let position = |component| components.iter().position(|c| *c == component);
-    let (Some(i), Some(j)) = (position(first), position(second)) else { return Vec::new() };
-    let sign = layout.turn;
-    // (cosine part, sine part) of the first and of the second component.
-    let direction = |parts: [[f64; 2]; 2]| {
-        let mut direction = vec![0.0; 2 * components.len()];
-        direction[2 * i..2 * i + 2].copy_from_slice(&parts[0]);
-        direction[2 * j..2 * j + 2].copy_from_slice(&parts[1]);
-        direction
-    };
-    vec![direction([[1.0, 0.0], [0.0, sign]]), direction([[0.0, -sign], [1.0, 0.0]])]
 }

@@ -3,9 +3,7 @@
 use estimation::revolutions::HarmonicData;
 use std::f64::consts::TAU;
 
-use super::super::diagnosis::{
-    Diagnosis, IndexCheck, check_indexes, clock_errors, swapped_channels,
-};
+use super::super::diagnosis::{Diagnosis, LayoutCheck, check_layout, clock_errors};
 use super::super::model::ProbeLayout;
 use super::generator::{ScanSize, World};
 use super::nullities::layout;
@@ -29,15 +27,16 @@ fn regress_swapped_channels() {
         let world = World::random(first as u64, 8, 2, NOISE_MM);
         let mut actual = planned.clone();
         actual.channels.swap(first, second);
-        let found = swapped_channels(&planned, &data(&world, &actual, 5), 1.0).unwrap();
+        let found = check_layout(&planned, &data(&world, &actual, 5), 1.0).unwrap();
         let name = |i: usize| planned.channels[i].name.clone();
-        assert_eq!(found, Some(Diagnosis::SwappedChannels(name(first), name(second))));
+        let expected = Diagnosis::SwappedChannels(name(first), name(second));
+        assert_eq!(found, LayoutCheck::Wrong(expected));
     }
     let mut found = 0;
     for seed in 0..50 {
         let world = World::random(seed, 8, 2, NOISE_MM);
-        let sound = swapped_channels(&planned, &data(&world, &planned, seed), 1.0).unwrap();
-        found += usize::from(sound.is_some());
+        let sound = check_layout(&planned, &data(&world, &planned, seed), 1.0).unwrap();
+        found += usize::from(sound != LayoutCheck::Confirmed);
     }
     assert_eq!(found, 0);
 }
@@ -53,8 +52,8 @@ fn regress_wrong_index_of_a_lobed_artefact() {
         for n in (wrong..6).filter(|n| *n == wrong || is_from_here_on) {
             actual.index_angles_rad[n] += f64::to_radians(by_deg);
         }
-        let check = check_indexes(&planned, &data(&world, &actual, 9), 1.0).unwrap();
-        let IndexCheck::Wrong(Diagnosis::WrongIndex { first, is_from_here_on: all, offset_deg }) =
+        let check = check_layout(&planned, &data(&world, &actual, 9), 1.0).unwrap();
+        let LayoutCheck::Wrong(Diagnosis::WrongIndex { first, is_from_here_on: all, offset_deg }) =
             check
         else {
             panic!("{check:?}")
@@ -69,13 +68,13 @@ fn regress_wrong_index_of_a_lobed_artefact() {
 fn regress_right_indexes_and_a_round_artefact() {
     let planned = layout(6, -1.0);
     let mut world = World::random(1, 8, 2, NOISE_MM);
-    let check = check_indexes(&planned, &data(&world, &planned, 2), 1.0).unwrap();
-    assert_eq!(check, IndexCheck::Confirmed);
+    let check = check_layout(&planned, &data(&world, &planned, 2), 1.0).unwrap();
+    assert_eq!(check, LayoutCheck::Confirmed);
     world.sections.iter_mut().flatten().chain(&mut world.face).for_each(|t| {
         (t.a, t.b) = (0.0, 0.0);
     });
-    let check = check_indexes(&planned, &data(&world, &planned, 2), 1.0).unwrap();
-    assert_eq!(check, IndexCheck::NotConfirmed);
+    let check = check_layout(&planned, &data(&world, &planned, 2), 1.0).unwrap();
+    assert_eq!(check, LayoutCheck::NotConfirmed);
 }
 
 #[test]

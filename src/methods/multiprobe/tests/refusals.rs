@@ -74,7 +74,7 @@ fn the_prompt_tells_the_noise_gain_and_a_better_place() {
         |to_deg: f64| weak_points(&probes, 20, &[AngleRange { from_deg: 350.0, to_deg }]).unwrap();
     let better = text(200.0);
     assert!(better.contains("without mountings: 1.53, with 230° at 220° 1.48"), "{better}");
-    assert!(text(225.0).ends_with("without mountings: 1.53."), "{}", text(225.0));
+    assert!(text(340.0).ends_with("without mountings: 1.53."), "{}", text(340.0));
 }
 
 #[test]
@@ -95,14 +95,13 @@ fn regress_too_few_revolutions_and_samples() {
 #[test]
 fn regress_surfaces_that_the_equation_does_not_hold() {
     let whole = layout(3, -1.0);
-    assert!(check_surfaces(&whole, &whole.all_rows()).is_ok());
-    let why = |layout: &ProbeLayout| check_surfaces(layout, &whole.all_rows()).unwrap_err().why;
+    assert!(check_surfaces(&whole).is_ok());
+    let why = |layout: &ProbeLayout| check_surfaces(layout).unwrap_err().why;
     let mut one_section = whole.clone();
     one_section.section_z_mm.pop();
     assert!(why(&one_section).contains("sections without height"));
     one_section.channels.drain(3..6);
-    let rows = one_section.all_rows();
-    assert!(check_surfaces(&one_section, &rows).unwrap_err().instead.contains("second section"));
+    assert!(check_surfaces(&one_section).unwrap_err().instead.contains("second section"));
     let mut radii = whole.clone();
     let axial = super::super::model::Channel {
         surface: Surface::Face { radius_mm: 30.0 },
@@ -110,7 +109,4 @@ fn regress_surfaces_that_the_equation_does_not_hold() {
     };
     radii.channels.push(axial);
     assert!(why(&radii).contains("different radii"));
-    let mut fewer = whole.clone();
-    fewer.index_angles_rad.pop();
-    assert!(why(&fewer).contains("channels or indexes"));
 }
