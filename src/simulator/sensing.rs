@@ -99,6 +99,17 @@ impl World {
         self.says(number, self.t_s)
     }
 
+    /// What the sensor `name` says at `t_s`, which is not later than now, and where the axes were then. `None`:
+    /// there is no such sensor.
+    pub fn sensed_at(&mut self, name: &str, t_s: f64) -> Option<Passing> {
+        let number = self.eyes.iter().position(|eye| eye.name == name)?;
+        let position = match self.trail.at(t_s) {
+            Some((path, along)) => self.displayed(&path.command(along)),
+            None => self.position(),
+        };
+        Some(Passing { position, t_s, sensed: self.says(number, t_s)? })
+    }
+
     /// A straight unguarded move of the axes named in `to`; on its way the sensor `name` says something
     /// each `period_s` by its clock.
     pub fn sense_on_the_way(
@@ -118,10 +129,8 @@ impl World {
             if t_s > begins_s + lasts_s || passed <= 0.0 {
                 break;
             }
-            let along = path.ramp().later(0.0, t_s - begins_s);
-            let position = self.displayed(&path.command(along));
-            let Some(sensed) = self.says(number, t_s) else { break };
-            all.push(Passing { position, t_s, sensed });
+            let Some(passing) = self.sensed_at(name, t_s) else { break };
+            all.push(passing);
         }
         self.stop_at(&path, 1.0, lasts_s);
         all
