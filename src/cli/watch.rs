@@ -60,20 +60,24 @@ struct Shown {
 impl Shown {
     /// Show it; was it the last?
     fn ends_with(&mut self, sample: &Sample) -> bool {
-        let Sample { t_s, value_mm, flag, missing } = *sample;
+        let Sample { t_s, value_mm, flag, missing, encoder_count } = *sample;
         let silent = flag == Flag::Stale;
         if !(silent && self.silent) {
             let flag = flag.as_str();
             if self.json {
-                let line = serde_json::json!({
+                let mut line = serde_json::json!({
                     "t_s": t_s, "value_mm": value_mm, "flag": flag, "missing": missing,
                 });
+                if let Some(count) = encoder_count {
+                    line["encoder_count"] = count.into();
+                }
                 say!("{line}");
             } else {
                 let value = value_mm.map_or("-".to_owned(), |mm| format!("{mm:.5}"));
                 let missing =
                     if missing > 0 { format!(" ({missing} missing)") } else { String::new() };
-                say!("{t_s:12.6} s {value:>12} mm {flag}{missing}");
+                let count = encoder_count.map(|n| format!("encoder {n} ")).unwrap_or_default();
+                say!("{t_s:12.6} s {value:>12} mm {count}{flag}{missing}");
             }
         }
         self.silent = silent;

@@ -52,7 +52,8 @@ pub(super) fn filtered(placed: &[(Sample, Position)], axis: Axis, per_revolution
     let sample = |(angle, value_mm): (f64, Option<f64>)| {
         let flag = if value_mm.is_some() { Flag::None } else { Flag::Gap };
         let t_s = *times.get(&number(angle))?;
-        Some((Sample { t_s, value_mm, flag, missing: 0 }, first.clone().with(axis, angle)))
+        let sample = Sample { t_s, value_mm, flag, missing: 0, encoder_count: None };
+        Some((sample, first.clone().with(axis, angle)))
     };
     Turn { samples: values.points().filter_map(sample).collect(), gaps: values.gaps }
 }
@@ -87,7 +88,8 @@ mod tests {
             let t_s = f64::from(number) / 2000.0;
             let angle = angle_deg(t_s);
             let value_mm = value(angle, t_s);
-            let sample = Sample { t_s, value_mm, flag: Flag::None, missing: 0 };
+            let sample =
+                Sample { t_s, value_mm, flag: Flag::None, missing: 0, encoder_count: None };
             let at = Position::new().with(Axis::X, 3.0).with(Axis::C, angle.to_radians());
             (sample, at)
         };

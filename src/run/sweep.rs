@@ -98,7 +98,7 @@ mod tests {
     fn samples() -> Vec<Sample> {
         let sample = |number: i32| {
             let t_s = f64::from(number) * 0.004 + 0.001;
-            Sample { t_s, value_mm: Some(t_s), flag: Flag::None, missing: 0 }
+            Sample { t_s, value_mm: Some(t_s), flag: Flag::None, missing: 0, encoder_count: None }
         };
         (-1000..4000).map(sample).collect()
     }

@@ -189,7 +189,7 @@ mod tests {
     use super::*;
 
     fn sample(value_mm: Option<f64>, flag: Flag) -> Sample {
-        Sample { t_s: 0.0, value_mm, flag, missing: 0 }
+        Sample { t_s: 0.0, value_mm, flag, missing: 0, encoder_count: None }
     }
 
     fn distance(mm: f64) -> Sample {

@@ -66,23 +66,19 @@ impl Counting {
         self.stands
     }
 
-    pub fn follow(&mut self, t_s: f64, Decoded { value, counter }: Decoded) -> Sample {
+    pub fn follow(&mut self, t_s: f64, decoded: Decoded) -> Sample {
+        let Decoded { value, counter, encoder_count } = decoded;
         let step = match counter {
             Some(count) => self.step(count),
             None => Step::On { missing: 0 },
         };
         self.stands = matches!(step, Step::Stands);
         let Step::On { missing } = step else {
-            return Sample { t_s, value_mm: None, flag: Flag::Stale, missing: 0 };
+            return Sample::stale(t_s);
         };
         let broken = std::mem::take(&mut self.broken) || missing > 0;
-        match value {
-            Ok(mm) => {
-                let flag = if broken { Flag::Gap } else { Flag::None };
-                Sample { t_s, value_mm: Some(mm), flag, missing }
-            }
-            Err(flag) => Sample { t_s, value_mm: None, flag, missing },
-        }
+        let flag = value.err().unwrap_or(if broken { Flag::Gap } else { Flag::None });
+        Sample { t_s, value_mm: value.ok(), flag, missing, encoder_count }
     }
 
     fn step(&mut self, count: u64) -> Step {

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use super::encoder;
 use super::field::{Field, Order};
 use machine::record::reading::Flag;
 
@@ -44,6 +45,19 @@ pub struct CounterKeys {
     bit: u16,
     width: u16,
     order: Option<Order>,
+}
+
+/// `[sensor.….encoder_count]`: the count of a rotary encoder at the sample.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EncoderCountKeys {
+    byte: u16,
+    #[serde(default)]
+    bit: u16,
+    width: u16,
+    order: Option<Order>,
+    /// Absent: as many as its bits hold.
+    round: Option<u64>,
 }
 
 /// `[[sensor.….status]]`: bits that say something, if they hold `is` (absent: anything but zero).
@@ -89,6 +103,13 @@ impl CounterKeys {
     }
 }
 
+impl EncoderCountKeys {
+    fn place(&self) -> Field {
+        let Self { byte, bit, width, .. } = *self;
+        Field { byte, bit, width, order: Order::Little, signed: false }
+    }
+}
+
 impl StatusKeys {
     fn place(&self) -> Field {
         let Self { byte, bit, width, .. } = *self;
@@ -114,6 +135,8 @@ pub struct Layout {
     offset_mm: f64,
     codes: Vec<(i128, Flag)>,
     counter: Option<Field>,
+    /// With the number of different counts.
+    encoder: Option<(Field, u64)>,
     status: Vec<(Field, Option<i128>, Flag)>,
     /// Bytes that a frame must have.
     needs: usize,
@@ -125,6 +148,8 @@ pub struct Decoded {
     /// mm, or why there is none.
     pub value: Result<f64, Flag>,
     pub counter: Option<u64>,
+    /// Count of the rotary encoder, a remainder (`encoder.rs`).
+    pub encoder_count: Option<u32>,
 }
 
 impl Decoded {
@@ -148,6 +173,7 @@ impl Layout {
     pub fn new(
         value: ValueKeys,
         counter: Option<CounterKeys>,
+        encoder: Option<EncoderCountKeys>,
         status: Vec<StatusKeys>,
         order: Option<Order>,
         length: usize,
@@ -161,37 +187,28 @@ impl Layout {
         if let Some(field) = counter.filter(|counter| counter.width > WIDEST_COUNTER) {
             return Err(format!("`counter.width` is {}; {WIDEST_COUNTER} at most", field.width));
         }
-        let mut says: Vec<(Field, Option<i128>, Flag)> = Vec::new();
-        for (name, keys) in status_names().zip(&status) {
-            let field = placed(&name, keys.place(), keys.order.or(order))?;
-            let is = keys.is.map(|is| possible(&name, is, field)).transpose()?;
-            // Several words may stand in the same bits, each with a number of its own.
-            let same = says.iter().position(|(other, said, _)| {
-                *other == field && said.is_none_or(|said| Some(said) == is)
-            });
-            if let Some(other) = same {
-                return Err(format!(
-                    "`status {}` and `{name}` hold at once: they stand in the same bits; give each an \
-                     `is` of its own, the one without behind the others",
-                    other + 1
-                ));
-            }
-            says.push((field, is, keys.means.flag()));
-        }
+        let encoder = encoder.map(|keys| encoder_field(&keys, order)).transpose()?;
+        let says = status_words(&status, order)?;
         let named = [("value".to_owned(), place)].into_iter();
         let named = named.chain(counter.map(|counter| ("counter".to_owned(), counter)));
+        let named = named.chain(encoder.map(|(field, _)| ("encoder_count".to_owned(), field)));
         let first =
             |at: usize, place: Field| !says.iter().take(at).any(|(other, ..)| *other == place);
         let words = status_names().zip(says.iter().map(|(field, ..)| *field)).enumerate();
         let words = words.filter(|(at, (_, field))| first(*at, *field)).map(|(_, named)| named);
         let needs = apart(named.chain(words), length)?;
         let ValueKeys { scale_mm, offset_mm, .. } = value;
-        Ok(Self { value: place, scale_mm, offset_mm, codes, counter, status: says, needs })
+        Ok(Self { value: place, scale_mm, offset_mm, codes, counter, encoder, status: says, needs })
     }
 
     /// Bits of the counter, if it has one.
     pub fn counter_width(&self) -> Option<u16> {
         self.counter.map(|counter| counter.width)
+    }
+
+    /// After how many counts the encoder's count begins anew, if a frame holds it.
+    pub fn encoder_round(&self) -> Option<u64> {
+        self.encoder.map(|(_, round)| round)
     }
 
     /// # Errors
@@ -211,11 +228,15 @@ impl Layout {
             Some(field) => Some(field.of(frame).ok_or(short)? as u64),
             None => None,
         };
+        let encoder_count = match self.encoder {
+            Some((field, round)) => Some(encoder::wrapped(field.of(frame).ok_or(short)?, round)),
+            None => None,
+        };
         let value = match flag.or(code) {
             Some(flag) => Err(flag),
             None => Ok(self.offset_mm + self.scale_mm * number as f64),
         };
-        Ok(Decoded { value, counter })
+        Ok(Decoded { value, counter, encoder_count })
     }
 }
 
@@ -224,6 +245,36 @@ impl Layout {
 pub struct Short {
     pub needs: usize,
     pub came: usize,
+}
+
+fn encoder_field(keys: &EncoderCountKeys, order: Option<Order>) -> Result<(Field, u64), String> {
+    let field = placed("encoder_count", keys.place(), keys.order.or(order))?;
+    Ok((field, encoder::round(keys.round, field.width)?))
+}
+
+/// Where each of `status` is, what it holds, and what that means.
+fn status_words(
+    status: &[StatusKeys],
+    order: Option<Order>,
+) -> Result<Vec<(Field, Option<i128>, Flag)>, String> {
+    let mut says: Vec<(Field, Option<i128>, Flag)> = Vec::new();
+    for (name, keys) in status_names().zip(status) {
+        let field = placed(&name, keys.place(), keys.order.or(order))?;
+        let is = keys.is.map(|is| possible(&name, is, field)).transpose()?;
+        // Several words may stand in the same bits, each with a number of its own.
+        let same = says.iter().position(|(other, said, _)| {
+            *other == field && said.is_none_or(|said| Some(said) == is)
+        });
+        if let Some(other) = same {
+            return Err(format!(
+                "`status {}` and `{name}` hold at once: they stand in the same bits; give each an `is` of \
+                 its own, the one without behind the others",
+                other + 1
+            ));
+        }
+        says.push((field, is, keys.means.flag()));
+    }
+    Ok(says)
 }
 
 fn codes(value: &ValueKeys, place: Field) -> Result<Vec<(i128, Flag)>, String> {

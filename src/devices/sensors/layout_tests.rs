@@ -5,7 +5,7 @@ use serde::Deserialize;
 use super::Sample;
 use super::field::Order;
 use super::follow::Counting;
-use super::layout::{CounterKeys, Layout, Short, StatusKeys, ValueKeys};
+use super::layout::{CounterKeys, EncoderCountKeys, Layout, Short, StatusKeys, ValueKeys};
 use machine::record::reading::Flag;
 
 #[derive(Deserialize)]
@@ -14,13 +14,15 @@ struct Keys {
     order: Option<Order>,
     value: ValueKeys,
     counter: Option<CounterKeys>,
+    encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
     status: Vec<StatusKeys>,
 }
 
 fn layout(text: &str) -> Result<Layout, String> {
     let keys: Keys = toml::from_str(text).map_err(|error| error.message().to_owned())?;
-    Layout::new(keys.value, keys.counter, keys.status, keys.order, 8)
+    let Keys { order, value, counter, encoder_count, status } = keys;
+    Layout::new(value, counter, encoder_count, status, order, 8)
 }
 
 struct Follower(Layout, Counting);
@@ -59,7 +61,7 @@ means = "stale"
 "#;
 
 fn sample(value_mm: Option<f64>, flag: Flag, missing: u32) -> Sample {
-    Sample { t_s: 1.0, value_mm, flag, missing }
+    Sample { t_s: 1.0, value_mm, flag, missing, encoder_count: None }
 }
 
 #[test]
@@ -155,4 +157,33 @@ fn what_cannot_be_is_refused_with_its_key() {
     let error = layout("value = { byte = 0, width = 16, scale_mm = 1.0 }").unwrap_err();
     assert_eq!(error, "`value` needs an `order`: `little` or `big`");
     layout("value = { byte = 0, width = 8, scale_mm = 1.0 }").unwrap();
+}
+
+/// 24 bits in both orders, and an encoder of one turn that has fewer counts than its bits hold.
+#[test]
+fn the_count_of_an_encoder_is_read_beside_the_value() {
+    let read = |encoder: &str, frame: &[u8]| {
+        let value = "value = { byte = 0, width = 16, order = \"big\", scale_mm = 1e-3 }\n";
+        let layout = layout(&format!("{value}encoder_count = {{ byte = 2, {encoder} }}")).unwrap();
+        (layout.encoder_round(), layout.decode(frame).unwrap().encoder_count)
+    };
+    let frame = [0, 1, 0xFF, 0xFE, 0x01];
+    let big = read("width = 24, order = \"big\"", &frame);
+    assert_eq!(big, (Some(1 << 24), Some(0xFF_FE01)));
+    assert_eq!(read("width = 24, order = \"little\"", &frame).1, Some(0x01_FEFF));
+    let one_turn = read("width = 16, order = \"big\", round = 36000", &[0, 1, 0x8C, 0x9F]);
+    assert_eq!(one_turn, (Some(36_000), Some(35_999)));
+    assert_eq!(
+        read("width = 32, order = \"big\"", &[0, 1, 0, 0, 1, 0]),
+        (Some(1 << 32), Some(256))
+    );
+    let keys = "order = \"big\"\nvalue = { byte = 0, width = 16, scale_mm = 1e-3 }\n";
+    for (encoder, words) in [
+        ("byte = 1, width = 16", "`value` and `encoder_count` overlap at byte 1"),
+        ("byte = 2, width = 16, round = 65537", "`encoder_count.round` is 65537"),
+        ("byte = 7, width = 16", "`encoder_count` reaches into byte 8"),
+    ] {
+        let why = layout(&format!("{keys}encoder_count = {{ {encoder} }}")).unwrap_err();
+        assert!(why.contains(words), "{why}");
+    }
 }

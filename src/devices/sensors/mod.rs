@@ -16,6 +16,7 @@ use machine::record::reading::Flag;
 use machine::record::sensor;
 
 pub mod can;
+mod encoder;
 mod error;
 mod field;
 mod follow;
@@ -43,6 +44,10 @@ pub trait Named: fmt::Debug + Send + Sync {
     fn port(&self) -> Option<Port> {
         None
     }
+    /// After how many counts the rotary encoder's count of a sample begins anew; `None`: its samples carry none.
+    fn encoder_round(&self) -> Option<u64> {
+        None
+    }
     /// Open its link, or share one of `ports`, and start its task. Its samples have the time of `clock`. Call
     /// inside a tokio runtime.
     fn open<'a>(
@@ -67,6 +72,16 @@ pub struct Sample {
     pub flag: Flag,
     /// Samples that are missing before this one, as the sensor's counter says.
     pub missing: u32,
+    /// Count of the rotary encoder at this sample, where the sensor sends it; less than
+    /// [`Named::encoder_round`].
+    pub encoder_count: Option<u32>,
+}
+
+impl Sample {
+    /// No new value.
+    pub(crate) fn stale(t_s: f64) -> Self {
+        Self { t_s, value_mm: None, flag: Flag::Stale, missing: 0, encoder_count: None }
+    }
 }
 
 /// What a sensor says of itself.

@@ -28,7 +28,7 @@ impl Driver for Script {
         self.forget().await?;
         let flag = self.flags.pop_front().unwrap_or(Flag::Stale);
         let value_mm = (flag == Flag::None).then_some(1.0);
-        Ok(Sample { t_s: 0.0, value_mm, flag, missing: 0 })
+        Ok(Sample { t_s: 0.0, value_mm, flag, missing: 0, encoder_count: None })
     }
 
     fn on_demand(&self) -> bool {

@@ -7,7 +7,8 @@
 //! < 12.0320519 - range 1
 //! ```
 //!
-//! Of a sample: its time, s; its distance, mm; its flag; how many are missing before it.
+//! Of a sample: its time, s; its distance, mm; its flag; how many are missing before it; the encoder's count, where
+//! it has one.
 
 use tokio::sync::mpsc;
 
@@ -28,10 +29,11 @@ pub fn prepared(Prepared { identity, rate_hz }: &Prepared) -> String {
 }
 
 /// Numbers are written so that they come back to the last bit.
-pub fn sample(Sample { t_s, value_mm, flag, missing }: &Sample) -> String {
+pub fn sample(Sample { t_s, value_mm, flag, missing, encoder_count }: &Sample) -> String {
     let value = value_mm.map_or(NONE.to_owned(), |mm| mm.to_string());
     let flag = Some(flag.as_str()).filter(|flag| !flag.is_empty()).unwrap_or(NONE);
-    format!("{t_s} {value} {flag} {missing}")
+    let count = encoder_count.map(|count| format!(" {count}")).unwrap_or_default();
+    format!("{t_s} {value} {flag} {missing}{count}")
 }
 
 fn read_prepared(line: &str) -> Option<Prepared> {
@@ -53,6 +55,7 @@ fn read_sample(line: &str) -> Option<Sample> {
         value_mm,
         flag: Flag::ALL.into_iter().find(|known| known.as_str() == flag)?,
         missing: missing.parse().ok()?,
+        encoder_count: parts.next().map(str::parse).transpose().ok()?,
     })
 }
 
@@ -123,13 +126,19 @@ mod tests {
     fn a_sample_comes_back_to_the_last_bit() {
         for flag in Flag::ALL {
             for value_mm in [None, Some(-0.1 - 0.2), Some(1e-9), Some(-0.0)] {
-                let one = Sample { t_s: 1.0 / 3.0, value_mm, flag, missing: 7 };
+                let one = Sample {
+                    t_s: 1.0 / 3.0,
+                    value_mm,
+                    flag,
+                    missing: 7,
+                    encoder_count: value_mm.map(|_| u32::MAX),
+                };
                 assert_eq!(read_sample(&sample(&one)), Some(one));
             }
         }
         let said = Prepared { identity: "frames 181 on can0".to_owned(), rate_hz: 1e3 / 3.0 };
         assert_eq!(read_prepared(&prepared(&said)), Some(said));
-        for spoilt in ["", "1.0", "1.0 2.0 - x", "1.0 2.0 odd 0", "1.0 - "] {
+        for spoilt in ["", "1.0", "1.0 2.0 - x", "1.0 2.0 odd 0", "1.0 - ", "1.0 2.0 - 0 x"] {
             assert_eq!(read_sample(spoilt), None, "{spoilt}");
         }
     }

@@ -111,7 +111,7 @@ impl Scene {
         }
         let value_mm = matches!(flag, Flag::None | Flag::Gap).then_some(value);
         self.said.extend(value_mm);
-        Some(Ok(Sample { t_s: self.t_s, value_mm, flag, missing }))
+        Some(Ok(Sample { t_s: self.t_s, value_mm, flag, missing, encoder_count: None }))
     }
 
     /// The control and the machine go on by a period.

@@ -6,7 +6,7 @@ use std::time::Duration;
 use serde::Deserialize;
 
 use crate::sensors::field::Order;
-use crate::sensors::layout::{CounterKeys, Layout, StatusKeys, ValueKeys};
+use crate::sensors::layout::{CounterKeys, EncoderCountKeys, Layout, StatusKeys, ValueKeys};
 use link::Clock;
 use link::can::{Can, CanError, Id};
 
@@ -27,6 +27,7 @@ struct Keys {
     order: Option<Order>,
     value: ValueKeys,
     counter: Option<CounterKeys>,
+    encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
     status: Vec<StatusKeys>,
 }
@@ -72,7 +73,8 @@ impl TryFrom<Keys> for Config {
         }
         let timeout = Duration::from_secs_f64(timeout_s);
         let length = usize::from(length);
-        let layout = Layout::new(keys.value, keys.counter, keys.status, keys.order, length)?;
+        let Keys { value, counter, encoder_count, status, order, .. } = keys;
+        let layout = Layout::new(value, counter, encoder_count, status, order, length)?;
         Ok(Self { interface, id, timeout, layout })
     }
 }

@@ -63,7 +63,7 @@ impl Driver {
     }
 
     fn nothing(&self) -> Sample {
-        Sample { t_s: self.clock.now_s(), value_mm: None, flag: Flag::Stale, missing: 0 }
+        Sample::stale(self.clock.now_s())
     }
 
     /// The first sign of life. A bus with errors alone is never silent, so that patience has an end.
@@ -169,6 +169,10 @@ impl Seam for Driver {
 impl Named for Config {
     fn at(&self) -> String {
         format!("frames {} on CAN interface {}", self.id, self.interface)
+    }
+
+    fn encoder_round(&self) -> Option<u64> {
+        self.layout.encoder_round()
     }
 
     /// The kernel gives each listener its own copy of a frame: nothing is shared here.

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-use super::map::{CounterKeys, Map, StatusKeys, ValueKeys};
+use super::map::{CounterKeys, EncoderCountKeys, Map, StatusKeys, ValueKeys};
 use crate::sensors::Port;
 use link::HostPort;
 use link::modbus::{Allowed, Device, DeviceKeys, Framing, Parity, Settings, Space};
@@ -29,6 +29,7 @@ struct Keys {
     space: Space,
     value: ValueKeys,
     counter: Option<CounterKeys>,
+    encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
     status: Vec<StatusKeys>,
 }
@@ -69,7 +70,8 @@ impl TryFrom<Keys> for Config {
             return Err("`space` is `input` or `holding`: a bit holds no distance".to_owned());
         }
         let pace = Duration::from_secs_f64(1.0 / keys.rate_hz);
-        let map = Map::new(keys.space, keys.value, keys.counter, keys.status)?;
+        let Keys { space, value, counter, encoder_count, status, .. } = keys;
+        let map = Map::new(space, value, counter, encoder_count, status)?;
         Ok(Self { device, pace, map })
     }
 }

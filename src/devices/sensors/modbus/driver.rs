@@ -123,7 +123,7 @@ impl Registers {
     }
 
     fn stale(&self) -> Sample {
-        Sample { t_s: self.clock.now_s(), value_mm: None, flag: Flag::Stale, missing: 0 }
+        Sample::stale(self.clock.now_s())
     }
 }
 
@@ -206,6 +206,10 @@ impl Named for Config {
 
     fn port(&self) -> Option<Port> {
         self.shared_port()
+    }
+
+    fn encoder_round(&self) -> Option<u64> {
+        self.map.encoder_round()
     }
 
     fn open<'a>(

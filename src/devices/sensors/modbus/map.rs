@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use crate::sensors::encoder;
 use crate::sensors::layout::{Decoded, Means};
 use link::modbus::value::{Kind, Number, Order, ValueError};
 use link::modbus::{Range, Space};
@@ -46,6 +47,19 @@ pub(super) struct CounterKeys {
     gaps: bool,
 }
 
+/// The count of a rotary encoder: a whole number of one register or two.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct EncoderCountKeys {
+    register: u16,
+    #[serde(rename = "type")]
+    kind: Kind,
+    #[serde(default)]
+    order: Order,
+    /// Absent: as many as its registers hold.
+    round: Option<u64>,
+}
+
 /// Bits of a register that say something, if they hold `is` (absent: anything but zero).
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -74,6 +88,8 @@ pub(super) struct Map {
     codes: Vec<(f64, Flag)>,
     nan: Option<Flag>,
     counter: Option<(u16, Number)>,
+    /// With the number of different counts.
+    encoder: Option<((u16, Number), u64)>,
     pub gaps: bool,
     status: Vec<Status>,
 }
@@ -97,27 +113,34 @@ impl Map {
         space: Space,
         value: ValueKeys,
         counter: Option<CounterKeys>,
+        encoder: Option<EncoderCountKeys>,
         status: Vec<StatusKeys>,
     ) -> Result<Self, String> {
         check_value(&value)?;
         if counter.as_ref().is_some_and(|counter| !matches!(counter.kind, Kind::U16 | Kind::U32)) {
             return Err("`counter.type` must be a whole number: `u16` or `u32`".to_owned());
         }
-        let number = |kind, order| Number { kind, order, scale: 1.0 };
         let place = (value.register, number(value.kind, value.order));
         let gaps = counter.as_ref().is_some_and(|counter| counter.gaps);
         let counter =
             counter.map(|counter| (counter.register, number(counter.kind, counter.order)));
+        let encoder = encoder.map(|keys| encoder_registers(&keys)).transpose()?;
         let status = status.into_iter().map(Status::try_from).collect::<Result<Vec<_>, _>>()?;
         told_apart(&status)?;
         Ok(Self {
-            span: span(space, place, counter, &status)?,
+            span: span(
+                space,
+                place,
+                [("counter", counter), ("encoder_count", encoder.map(|e| e.0))],
+                &status,
+            )?,
             value: place,
             scale_mm: value.scale_mm,
             offset_mm: value.offset_mm,
             codes: value.codes.iter().map(|code| (code.is, code.means.flag())).collect(),
             nan: value.nan.map(Means::flag),
             counter,
+            encoder,
             gaps,
             status,
         })
@@ -134,6 +157,11 @@ impl Map {
         Some(1_u64.checked_shl(bits).unwrap_or(u64::MAX))
     }
 
+    /// After how many counts the encoder's count begins anew, if there is one.
+    pub fn encoder_round(&self) -> Option<u64> {
+        self.encoder.map(|(_, round)| round)
+    }
+
     /// What the registers of the span hold.
     ///
     /// # Errors
@@ -146,6 +174,9 @@ impl Map {
         };
         // Whole and not negative: a signed type is refused.
         let counter = self.counter.map(number).transpose()?.map(|count| count as u64);
+        // Exact: 32 bits at most.
+        let wrapped = |(at, round)| number(at).map(|count| encoder::wrapped(count as i128, round));
+        let encoder_count = self.encoder.map(wrapped).transpose()?;
         let holds = |status: &&Status| {
             let at = usize::from(status.register.saturating_sub(self.span.first));
             let found = words.get(at).map_or(0, |word| word >> status.bit & status.mask);
@@ -160,8 +191,24 @@ impl Map {
                 code.map_or(Ok(self.offset_mm + self.scale_mm * raw), |(_, flag)| Err(*flag))
             }
         };
-        Ok(Decoded { value, counter })
+        Ok(Decoded { value, counter, encoder_count })
     }
+}
+
+fn number(kind: Kind, order: Order) -> Number {
+    Number { kind, order, scale: 1.0 }
+}
+
+fn encoder_registers(keys: &EncoderCountKeys) -> Result<((u16, Number), u64), String> {
+    let bits = match keys.kind {
+        Kind::U16 | Kind::I16 => 16,
+        Kind::U32 | Kind::I32 => 32,
+        _ => {
+            return Err("`encoder_count.type` must be `u16`, `i16`, `u32` or `i32`".to_owned());
+        }
+    };
+    let round = encoder::round(keys.round, bits)?;
+    Ok(((keys.register, number(keys.kind, keys.order)), round))
 }
 
 impl TryFrom<StatusKeys> for Status {
@@ -232,14 +279,13 @@ fn check_value(value: &ValueKeys) -> Result<(), String> {
 fn span(
     space: Space,
     value: (u16, Number),
-    counter: Option<(u16, Number)>,
+    counts: [(&'static str, Option<(u16, Number)>); 2],
     status: &[Status],
 ) -> Result<Range, String> {
     let mut taken = BTreeMap::new();
-    let numbers = [("value", Some(value)), ("counter", counter)];
-    let numbers = numbers
-        .into_iter()
-        .filter_map(|(name, at)| at.map(|(at, number)| (name, at, number.registers())));
+    let numbers = [("value", Some(value))].into_iter().chain(counts);
+    let numbers =
+        numbers.filter_map(|(name, at)| at.map(|(at, number)| (name, at, number.registers())));
     let words = status.iter().map(|status| ("status", status.register, 1));
     for (name, register, count) in numbers.chain(words) {
         let Some(last) = register.checked_add(count - 1) else {

@@ -73,6 +73,26 @@ fn registers_are_read_as_the_map_says() {
 }
 
 #[test]
+fn the_count_of_an_encoder_is_read_beside_the_value() {
+    let read = |kind: &str, words: [u16; 6]| {
+        let count =
+            format!("encoder_count = {{ register = 13, type = \"{kind}\", order = \"cdab\" }}");
+        let text = format!("tcp = \"a:9\"\n{count}\n{MAP}");
+        let map = toml::from_str::<Config>(&text).unwrap().map;
+        // A 16-bit number is the last register that is read.
+        let words = words.get(..usize::from(map.span.last - map.span.first + 1)).unwrap();
+        (map.encoder_round(), map.read(words).unwrap().encoder_count)
+    };
+    assert_eq!(read("u32", [0, 0, 2000, 7, 0xFFFE, 0x0001]), (Some(1 << 32), Some(0x1_FFFE)));
+    assert_eq!(read("i32", [0, 0, 2000, 7, 0xFFFF, 0xFFFF]), (Some(1 << 32), Some(u32::MAX)));
+    assert_eq!(read("i16", [0, 0, 2000, 7, 0xFFFE, 0]), (Some(1 << 16), Some(0xFFFE)));
+    let float = format!("encoder_count = {{ register = 13, type = \"f32\" }}\n{MAP}");
+    assert!(refused(&float).contains("`encoder_count.type` must be `u16`, `i16`, `u32` or `i32`"));
+    let same = format!("encoder_count = {{ register = 12, type = \"u16\" }}\n{MAP}");
+    assert!(refused(&same).contains("`counter` and `encoder_count` overlap at register 12"));
+}
+
+#[test]
 fn maps_that_cannot_be_are_refused_in_words() {
     let map = |from: &str, to: &str| refused(&MAP.replace(from, to));
     assert!(

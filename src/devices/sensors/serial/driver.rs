@@ -14,7 +14,6 @@ use crate::sensors::{
     Driver, MOST_SILENT, Named, Opening, Port, Prepared, Sample, Sensor, SensorError,
 };
 use link::{Came, Clock, Flow, SharedPorts};
-use machine::record::reading::Flag;
 use machine::record::sensor;
 
 /// How long it is listened to before it is called ready, and how many samples are enough.
@@ -268,10 +267,7 @@ impl Driver for Serial {
                 let said = said.within(self.range_mm);
                 Ok(self.counting.follow(self.time_of(at), said))
             }
-            None => {
-                let t_s = self.clock.now_s();
-                Ok(Sample { t_s, value_mm: None, flag: Flag::Stale, missing: 0 })
-            }
+            None => Ok(Sample::stale(self.clock.now_s())),
         }
     }
 
@@ -287,6 +283,10 @@ impl Named for Config {
 
     fn port(&self) -> Option<Port> {
         Some(self.shared_port())
+    }
+
+    fn encoder_round(&self) -> Option<u64> {
+        self.form.encoder_round()
     }
 
     fn open<'a>(

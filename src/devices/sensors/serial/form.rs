@@ -18,6 +18,14 @@ impl Form {
         }
     }
 
+    /// After how many counts the encoder's count begins anew, if a sample carries it.
+    pub fn encoder_round(&self) -> Option<u64> {
+        match self {
+            Self::Line(layout) => layout.encoder_round(),
+            Self::Frame(layout) => layout.encoder_round(),
+        }
+    }
+
     /// The keys by which what comes is cut into lines or frames, with their values.
     pub fn framing(&self) -> Vec<(&'static str, String)> {
         match self {

@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::checksum::{Checksum, Keys as ChecksumKeys};
 use crate::sensors::field::Order;
-use crate::sensors::layout::{self, CounterKeys, Decoded, StatusKeys, ValueKeys};
+use crate::sensors::layout::{self, CounterKeys, Decoded, EncoderCountKeys, StatusKeys, ValueKeys};
 
 /// `[sensor.serial.frame]`; bytes count from 0 behind `sync`.
 #[derive(Debug, Deserialize)]
@@ -18,6 +18,7 @@ pub(super) struct Keys {
     order: Option<Order>,
     value: ValueKeys,
     counter: Option<CounterKeys>,
+    encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
     status: Vec<StatusKeys>,
     checksum: Option<ChecksumKeys>,
@@ -38,6 +39,10 @@ const LONGEST: usize = 256;
 impl Layout {
     pub fn round(&self) -> Option<u64> {
         self.numbers.counter_width().map(|width| 1 << width)
+    }
+
+    pub fn encoder_round(&self) -> Option<u64> {
+        self.numbers.encoder_round()
     }
 
     /// What sensors of one port must have alike.
@@ -71,7 +76,8 @@ impl TryFrom<Keys> for Layout {
     type Error = String;
 
     fn try_from(keys: Keys) -> Result<Self, String> {
-        let Keys { sync, length, tail, order, value, counter, status, checksum } = keys;
+        let Keys { sync, length, tail, order, value, counter, encoder_count, status, checksum } =
+            keys;
         if sync.is_empty() {
             return Err(
                 "`sync` must be the bytes that each frame begins with, e.g. [0xAA, 0x55]; \
@@ -84,7 +90,7 @@ impl TryFrom<Keys> for Layout {
                 "`length` is {length}; it is the bytes between `sync` and the checksum, 1 to {LONGEST}"
             ));
         }
-        let numbers = layout::Layout::new(value, counter, status, order, length)?;
+        let numbers = layout::Layout::new(value, counter, encoder_count, status, order, length)?;
         let checksum = checksum.map(Checksum::try_from).transpose()?;
         Ok(Self { sync, length, tail, checksum, numbers })
     }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 
+use crate::sensors::encoder;
 use crate::sensors::layout::{Decoded, Means};
 use machine::record::reading::Flag;
 
@@ -24,6 +25,7 @@ pub(super) struct Keys {
     columns: Option<usize>,
     value: ValueKeys,
     counter: Option<CounterKeys>,
+    encoder_count: Option<EncoderCountKeys>,
     #[serde(default)]
     status: Vec<StatusKeys>,
 }
@@ -57,6 +59,14 @@ struct CounterKeys {
     round: u64,
 }
 
+/// The count of a rotary encoder, a whole number; without `round` it has no end.
+#[derive(Debug, Clone, Copy, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EncoderCountKeys {
+    column: usize,
+    round: Option<u64>,
+}
+
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct StatusKeys {
@@ -85,6 +95,8 @@ pub(super) struct Layout {
     scale_mm: f64,
     offset_mm: f64,
     counter: Option<CounterKeys>,
+    /// Column, and the number of different counts.
+    encoder: Option<(usize, u64)>,
     /// Column, text, meaning.
     says: Vec<(usize, String, Flag)>,
 }
@@ -97,6 +109,10 @@ const OF_NUMBERS: &str = "0123456789+-.eE";
 impl Layout {
     pub fn round(&self) -> Option<u64> {
         self.counter.map(|counter| counter.round)
+    }
+
+    pub fn encoder_round(&self) -> Option<u64> {
+        self.encoder.map(|(_, round)| round)
     }
 
     /// What sensors of one port must have alike.
@@ -127,6 +143,13 @@ impl Layout {
             }
             None => None,
         };
+        let encoder_count = match self.encoder {
+            Some((column, round)) => {
+                let count: i64 = columns.get(column - 1)?.parse().ok()?;
+                Some(encoder::wrapped(count.into(), round))
+            }
+            None => None,
+        };
         let value = *columns.get(self.value - 1)?;
         let said = |(column, is, _): &&(usize, String, Flag)| {
             columns.get(column - 1) == Some(&is.as_str())
@@ -135,7 +158,7 @@ impl Layout {
             Some((.., flag)) => Err(*flag),
             None => Ok(self.offset_mm + self.scale_mm * number(value)?),
         };
-        Some(Decoded { value, counter })
+        Some(Decoded { value, counter, encoder_count })
     }
 
     fn split<'t>(&self, text: &'t str) -> Vec<&'t str> {
@@ -159,22 +182,15 @@ impl TryFrom<Keys> for Layout {
     fn try_from(keys: Keys) -> Result<Self, String> {
         check_ends(&keys)?;
         check_numbers(&keys.value)?;
-        let mut taken = BTreeMap::new();
-        let named =
-            [("value", Some(keys.value.column)), ("counter", keys.counter.map(|c| c.column))];
-        let status = keys.status.iter().map(|status| ("status", Some(status.column)));
-        for (name, column) in named.into_iter().chain(status) {
-            let Some(column) = column else { continue };
-            check_column(name, column, &keys)?;
-            let other = taken.insert(column, name);
-            if let Some(other) = other.filter(|other| *other != "status") {
-                return Err(format!("`{other}` and `{name}` are both column {column}"));
-            }
-        }
+        check_columns(&keys)?;
         if keys.counter.is_some_and(|counter| !ROUNDS.contains(&counter.round)) {
             return Err("`counter.round` is how many different numbers it counts: 2 to 4294967296"
                 .to_owned());
         }
+        let round = |keys: EncoderCountKeys| {
+            encoder::round(keys.round, 64).map(|round| (keys.column, round))
+        };
+        let encoder = keys.encoder_count.map(round).transpose()?;
         let codes = keys.value.codes.into_iter();
         let codes = codes.map(|code| (keys.value.column, code.is, code.means.flag()));
         let status = keys.status.into_iter().map(|s| (s.column, s.is, s.means.flag()));
@@ -188,6 +204,7 @@ impl TryFrom<Keys> for Layout {
             scale_mm: keys.value.scale_mm,
             offset_mm: keys.value.offset_mm,
             counter: keys.counter,
+            encoder,
             says: codes.chain(status).collect(),
         })
     }
@@ -223,6 +240,26 @@ fn check_numbers(value: &ValueKeys) -> Result<(), String> {
     }
     if !value.offset_mm.is_finite() {
         return Err("`value.offset_mm` must be a finite number".to_owned());
+    }
+    Ok(())
+}
+
+/// No column has two meanings, except several texts of one status.
+fn check_columns(keys: &Keys) -> Result<(), String> {
+    let mut taken = BTreeMap::new();
+    let named = [
+        ("value", Some(keys.value.column)),
+        ("counter", keys.counter.map(|counter| counter.column)),
+        ("encoder_count", keys.encoder_count.map(|count| count.column)),
+    ];
+    let status = keys.status.iter().map(|status| ("status", Some(status.column)));
+    for (name, column) in named.into_iter().chain(status) {
+        let Some(column) = column else { continue };
+        check_column(name, column, keys)?;
+        let other = taken.insert(column, name);
+        if let Some(other) = other.filter(|other| *other != "status") {
+            return Err(format!("`{other}` and `{name}` are both column {column}"));
+        }
     }
     Ok(())
 }

@@ -298,3 +298,21 @@ async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
     }
     sends.abort();
 }
+
+#[tokio::test]
+async fn the_count_of_an_encoder_comes_with_the_sample() {
+    let columns = "separator = \",\"\nvalue = { column = 1, scale_mm = 0.001 }\n";
+    let layout = format!("[line]\n{columns}encoder_count = {{ column = 2, round = 65536 }}");
+    let (mut serial, mut far) = over_tcp(&layout).await;
+    far.write_all(b"\n1,65535\n2,0\n3,-1\n4,x\n5,65537\n").await.unwrap();
+    for count in [65_535, 0, 65_535, 1] {
+        assert_eq!(serial.next().await.unwrap().encoder_count, Some(count));
+    }
+    // Nothing comes.
+    assert_eq!(serial.next().await.unwrap().encoder_count, None);
+    let endless = format!("[line]\n{columns}encoder_count = {{ column = 2 }}");
+    assert_eq!(config(&endless).form.encoder_round(), Some(1 << 32));
+    assert_eq!(config(LINE).form.encoder_round(), None);
+    let same = format!("[line]\n{columns}encoder_count = {{ column = 1 }}");
+    assert!(refused(&same).contains("`value` and `encoder_count` are both column 1"));
+}

@@ -1,0 +1,27 @@
+//! The count of a rotary encoder that comes with each sample: an encoder-triggered amplifier sends it beside the
+//! value. Counters begin anew after `round` counts; the count is kept as the remainder, and only differences of
+//! counts are used. A signed count has the same remainders.
+
+/// Largest `round`. A counter without an end is read modulo this.
+pub(super) const MAX_ROUND: u64 = 1 << 32;
+
+/// After how many counts the count begins anew: `round` where it is stated, otherwise what `bits` hold.
+///
+/// # Errors
+/// A `round` that no counter of so many bits has.
+pub(super) fn round(stated: Option<u64>, bits: u16) -> Result<u64, String> {
+    let most = 1_u64.checked_shl(u32::from(bits)).unwrap_or(MAX_ROUND).min(MAX_ROUND);
+    match stated {
+        None => Ok(most),
+        Some(round) if (2..=most).contains(&round) => Ok(round),
+        Some(round) => Err(format!(
+            "`encoder_count.round` is {round}; it is after how many counts the count begins anew, 2 to {most}"
+        )),
+    }
+}
+
+/// The remainder of `number`, from 0 to `round` - 1.
+pub(super) fn wrapped(number: i128, round: u64) -> u32 {
+    // Less than 2^32 by `round`.
+    number.rem_euclid(i128::from(round)) as u32
+}
