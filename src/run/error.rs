@@ -1,5 +1,6 @@
 //! How a run can end before its end.
 
+use super::counted_turn::CountFault;
 use crate::store::StoreError;
 use devices::controllers::ControllerError;
 use devices::sensors::SensorError;
@@ -52,6 +53,8 @@ pub enum RunError {
     NotStamped { step: u32 },
     #[error("step {step} was to be sampled in motion: {why}")]
     Unswept { step: u32, why: String },
+    #[error("step {step}: the samples of `{sensor}` are not placed: {source}")]
+    Miscounted { step: u32, sensor: String, source: CountFault },
     #[error("step {step} ended without the position of its contact")]
     NoReading { step: u32 },
     #[error(
@@ -111,9 +114,11 @@ impl RunError {
             Self::EarlyDistance { .. } => EARLY_DISTANCE.to_owned(),
             Self::NotStamped { .. } => {
                 "plan it with dwell points (sampling = \"dwell\"), or, on a LinuxCNC, name its sampler in \
-                 the machine file ([controller.sampler])"
+                 the machine file ([controller.sampler]); the turn of one rotary axis can be measured where \
+                 each sensor sends the count of its encoder ([encoder])"
                     .to_owned()
             }
+            Self::Miscounted { source, .. } => source.remedy(),
             Self::Unswept { .. } => {
                 "`trued resume` measures it anew; if it stays so, plan it with dwell points \
                  (sampling = \"dwell\")"
@@ -170,6 +175,7 @@ impl RunError {
             | Self::Blind { step: id, .. }
             | Self::EarlyDistance { step: id, .. }
             | Self::Unswept { step: id, .. }
+            | Self::Miscounted { step: id, .. }
                 if *id == step.id =>
             {
                 Self::OnStep { label: step.label.clone(), source: Box::new(self) }

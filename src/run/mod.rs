@@ -9,6 +9,7 @@ mod asking;
 #[cfg(test)]
 mod asking_tests;
 mod behind;
+mod counted_turn;
 mod cycle;
 mod equal_angles;
 mod error;
@@ -16,6 +17,7 @@ mod identify;
 mod live_check;
 mod resume;
 mod scan;
+mod scan_in_motion;
 mod stage;
 mod stands;
 mod sweep;

@@ -5,7 +5,7 @@ use machine::Position;
 use machine::record::track::Track;
 
 /// An axis under control stands still so nearly, mm or rad.
-const STILL: f64 = 0.002;
+pub(super) const STILL: f64 = 0.002;
 /// A sensor that is faster by no more than this is as fast as the plan wants it.
 const AS_FAST: f64 = 1.02;
 const WINDOW: usize = 50;
@@ -33,13 +33,18 @@ pub(super) struct Placed {
 
 /// What of `samples` was taken while the axes of `track` moved, at most `rate_hz` a second.
 pub(super) fn placed(samples: &[Sample], track: &Track, rate_hz: f64) -> Placed {
+    let Some((from_s, to_s)) = track.moving_s(STILL) else { return Placed::default() };
+    let moving = samples.iter().filter(|sample| (from_s..=to_s).contains(&sample.t_s));
+    let positions = moving.map(|sample| (*sample, track.at(sample.t_s)));
+    thinned(&positions.collect::<Vec<_>>(), rate_hz)
+}
+
+/// At most `rate_hz` a second of samples and where the axes were; `None`: not known.
+pub(super) fn thinned(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> Placed {
     let mut placed = Placed::default();
-    let Some((from_s, to_s)) = track.moving_s(STILL) else { return placed };
-    let meant: Vec<&Sample> =
-        samples.iter().filter(|sample| (from_s..=to_s).contains(&sample.t_s)).collect();
-    let keep = share(&meant, rate_hz);
+    let keep = share(samples, rate_hz);
     let mut due = 1.0;
-    for sample in meant {
+    for (sample, position) in samples {
         // By number and not by time: samples come with jitter.
         due += keep * (1.0 + f64::from(sample.missing));
         if due < 1.0 {
@@ -47,8 +52,8 @@ pub(super) fn placed(samples: &[Sample], track: &Track, rate_hz: f64) -> Placed 
             continue;
         }
         due = (due - 1.0).min(1.0 - f64::EPSILON);
-        match track.at(sample.t_s) {
-            Some(position) => placed.samples.push((*sample, position)),
+        match position {
+            Some(position) => placed.samples.push((*sample, position.clone())),
             None => placed.nowhere += 1,
         }
     }
@@ -57,11 +62,11 @@ pub(super) fn placed(samples: &[Sample], track: &Track, rate_hz: f64) -> Placed 
 
 /// The share of `samples` that is kept. They come with jitter, and a counter that begins anew counts far
 /// too many as missing: the rate is that of [`WINDOW`] samples at a time, in the middle of all of them.
-fn share(samples: &[&Sample], rate_hz: f64) -> f64 {
-    let own_hz = |window: &[&Sample]| {
-        let (first, rest) = window.split_first()?;
-        let came: f64 = rest.iter().map(|sample| 1.0 + f64::from(sample.missing)).sum();
-        Some(came / (rest.last()?.t_s - first.t_s))
+fn share(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> f64 {
+    let own_hz = |window: &[(Sample, Option<Position>)]| {
+        let ((first, _), rest) = window.split_first()?;
+        let came: f64 = rest.iter().map(|(sample, _)| 1.0 + f64::from(sample.missing)).sum();
+        Some(came / (rest.last()?.0.t_s - first.t_s))
     };
     let mut rates: Vec<f64> = samples.chunks(WINDOW).filter_map(own_hz).collect();
     rates.sort_by(f64::total_cmp);

@@ -106,29 +106,40 @@ impl Run<'_> {
         block: ProvenBlock,
         accepts: Vec<Accepts>,
     ) -> Result<Outcome, RunError> {
-        let sensors = self.sensors_of(step)?;
-        for (sensor, accepts) in sensors.iter().zip(accepts) {
+        self.begin_watch(step, accepts).await?;
+        let executed = self.devices.controller.execute(block).await;
+        self.end_watch(step, executed).await
+    }
+
+    /// Until [`Run::end_watch`].
+    pub(super) async fn begin_watch(
+        &self,
+        step: &Step,
+        accepts: Vec<Accepts>,
+    ) -> Result<(), RunError> {
+        for (sensor, accepts) in self.sensors_of(step)?.iter().zip(accepts) {
             let halt = self.devices.controller.halt();
             let watched = sensor.watch(accepts, move || halt.now()).await;
             let watched = watched.map_err(faulty(sensor.name()));
             watched.inspect_err(|_| self.devices.controller.halt().now())?;
         }
-        let executed = self.devices.controller.execute(block).await;
+        Ok(())
+    }
+
+    /// What the control has executed meanwhile, if each sensor reported what is accepted.
+    pub(super) async fn end_watch(
+        &self,
+        step: &Step,
+        executed: Result<Outcome, ControllerError>,
+    ) -> Result<Outcome, RunError> {
         let mut accepted = Ok(());
-        for sensor in sensors {
-            accepted = accepted.and(self.end_watch(step, sensor).await);
+        for sensor in self.sensors_of(step)? {
+            accepted = accepted.and(end_watch_of(step, sensor).await);
         }
         match executed {
             // What the control says of itself comes first, but for the hold that a sensor has asked for.
             Err(error) if !matches!(error, ControllerError::Halted) => Err(error.into()),
             executed => accepted.and(executed.map_err(RunError::from)),
-        }
-    }
-
-    async fn end_watch(&self, step: &Step, sensor: &Mounted) -> Result<(), RunError> {
-        match sensor.rest().await.map_err(faulty(sensor.name()))? {
-            Some(sample) => Err(blind(step, sensor.name(), Some(&sample))),
-            None => Ok(()),
         }
     }
 
@@ -157,6 +168,13 @@ impl Run<'_> {
         let sensors = self.sensors_of(step)?;
         let taken = try_join_all(sensors.iter().map(|sensor| take(step, sensor, count))).await;
         taken.inspect_err(|_| self.devices.controller.halt().now())
+    }
+}
+
+async fn end_watch_of(step: &Step, sensor: &Mounted) -> Result<(), RunError> {
+    match sensor.rest().await.map_err(faulty(sensor.name()))? {
+        Some(sample) => Err(blind(step, sensor.name(), Some(&sample))),
+        None => Ok(()),
     }
 }
 

@@ -49,7 +49,7 @@ impl Devices {
     /// With what the machine file names; simulated ones see and feel `world`.
     pub(super) fn of(self, file: &MachineFile, world: Option<Arc<Mutex<World>>>) -> Self {
         let thermometers = Thermometers::of(&file.thermometers, world.clone());
-        let sensors = self.sensors.of(&file.sensors);
+        let sensors = self.sensors.of(&file.sensors, file.encoder);
         let sensors = match world.clone() {
             Some(world) => sensors.looking_at(world),
             None => sensors,

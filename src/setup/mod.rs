@@ -24,7 +24,7 @@ pub use draft::Draft;
 pub use error::SetupError;
 pub use machine_file::MachineFile;
 pub use rehearsal::Rehearsal;
-pub use sensors::{Mounted, Sensors, sensor};
+pub use sensors::{EncoderScale, Mounted, Sensors, sensor};
 pub use simulated::Served;
 pub use site::{Site, devices};
 pub use thermometers::Thermometers;

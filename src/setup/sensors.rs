@@ -3,7 +3,7 @@
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::machine_file::{Reached, SensorEntry};
+use super::machine_file::{Encoder, Reached, SensorEntry};
 use super::simulated::View;
 use super::{MachineFile, SetupError, world};
 use devices::sensors::{Sensor, SensorError};
@@ -17,7 +17,7 @@ use simulator::World;
 /// # Errors
 /// There is none of this name; a simulated world that cannot be built; what opening says.
 pub async fn sensor(file: &MachineFile, name: &str) -> Result<Mounted, SetupError> {
-    let alone = Sensors::none(Arc::new(HostClock::start())).of(&file.sensors);
+    let alone = Sensors::none(Arc::new(HostClock::start())).of(&file.sensors, file.encoder);
     let simulated = |entry: &&SensorEntry| matches!(entry.reached, Reached::Simulated(_));
     let named = file.sensors.iter().find(|entry| entry.sensor.name == name);
     let sensors = match named.filter(simulated) {
@@ -30,6 +30,7 @@ pub async fn sensor(file: &MachineFile, name: &str) -> Result<Mounted, SetupErro
 /// What the machine file names, and what simulated ones look at.
 pub struct Sensors {
     entries: Vec<SensorEntry>,
+    encoder: Option<Encoder>,
     clock: Arc<dyn Clock>,
     world: Option<Arc<Mutex<World>>>,
     /// That of the control: sensors are opened when a run looks with them.
@@ -42,16 +43,22 @@ impl Sensors {
     /// None.
     pub(super) fn none(clock: Arc<dyn Clock>) -> Self {
         let (entries, ports) = (Vec::new(), SharedPorts::default());
-        Self { entries, clock, world: None, wiring: Wiring::current(), ports }
+        Self { entries, encoder: None, clock, world: None, wiring: Wiring::current(), ports }
     }
 
-    pub(super) fn of(self, entries: &[SensorEntry]) -> Self {
-        Self { entries: entries.to_vec(), ..self }
+    pub(super) fn of(self, entries: &[SensorEntry], encoder: Option<Encoder>) -> Self {
+        Self { entries: entries.to_vec(), encoder, ..self }
     }
 
     /// All of them simulated, looking at the simulated machine.
     pub(super) fn looking_at(self, world: Arc<Mutex<World>>) -> Self {
         Self { world: Some(world), ..self }
+    }
+
+    /// What the counts that the samples of the sensor `name` carry mean; `None`: they carry none.
+    pub fn encoder_scale(&self, name: &str) -> Option<EncoderScale> {
+        let entry = self.entries.iter().find(|entry| entry.sensor.name == name)?;
+        Some(EncoderScale { encoder: self.encoder?, round: entry.reached.encoder_round()? })
     }
 
     /// Open the one of this name. One in the spindle is there in place of the probe until dropped. Call
@@ -89,6 +96,14 @@ impl Sensors {
         };
         opened?.captured(talk).await
     }
+}
+
+/// What a count of the rotary encoder means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EncoderScale {
+    pub encoder: Encoder,
+    /// After so many counts the count begins anew.
+    pub round: u64,
 }
 
 /// A sensor that a run looks with.

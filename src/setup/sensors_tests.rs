@@ -31,7 +31,7 @@ fn column(name: &str, path: &str, column: usize) -> SensorEntry {
 }
 
 fn sensors(entries: &[SensorEntry]) -> Sensors {
-    Sensors::none(Arc::new(HostClock::start())).of(entries)
+    Sensors::none(Arc::new(HostClock::start())).of(entries, None)
 }
 
 fn values(samples: &[Sample]) -> Vec<f64> {
@@ -209,4 +209,37 @@ fn sensors_of_one_port_must_agree_on_its_keys() {
     assert!(error.contains("its table is [sensor.modbus] here and [sensor.serial]"), "{error}");
     // Another port is another matter.
     read(a, &modbus(9600, 2).replace("ttyS7", "ttyS8")).unwrap();
+}
+
+#[test]
+fn an_encoder_is_stated_once_and_used() {
+    let encoder = |table: &str, of_a: &str| {
+        let text = include_str!("../../config/r-test.toml");
+        let text = text.replacen("simulated = { rate_hz = 1000.0 }", of_a, 1);
+        MachineFile::parse("shop.toml", format!("{text}\n{table}"))
+            .map_err(|error| error.to_string())
+    };
+    let counts = "serial = { serial = \"/dev/ttyS7\", line = { separator = \",\", \
+                  value = { column = 1, scale_mm = 1.0 }, encoder_count = { column = 2 } } }";
+    let plain = counts.replace(", encoder_count = { column = 2 }", "");
+    let table = "[encoder]\naxis = \"C\"\ncounts_per_turn = -36000\n";
+    let stated = encoder(table, counts).unwrap().encoder.unwrap();
+    assert_eq!((stated.axis, stated.counts_per_turn), (machine::Axis::C, -36_000));
+    encoder("", &plain).unwrap();
+    let refused = |table: &str, of_a: &str, expected: &str| {
+        let error = encoder(table, of_a).unwrap_err();
+        assert!(error.starts_with("shop.toml:") && error.contains(expected), "{error}");
+    };
+    refused("", counts, "has `encoder_count`; add [encoder] with `axis` and `counts_per_turn`");
+    refused(table, &plain, "no sensor has `encoder_count`");
+    refused(&table.replace("-36000", "0"), counts, "`counts_per_turn` in [encoder] is 0");
+    refused(&table.replace("-36000", "0.1"), counts, "counts_per_turn");
+    for axis in ["X", "S", "A"] {
+        let other = table.replace("\"C\"", &format!("\"{axis}\""));
+        refused(
+            &other,
+            counts,
+            &format!("`axis` in [encoder] is {axis}; it must be a rotary axis of this machine"),
+        );
+    }
 }

@@ -24,6 +24,7 @@ mod balls_tests;
 mod check;
 mod controller;
 mod document;
+mod encoder;
 mod error;
 #[cfg(test)]
 mod fuzz;
@@ -40,17 +41,19 @@ use super::simulated::{Faults, SimulatedControl};
 use artefact::Beside;
 pub use controller::{Control, ControllerConfig};
 pub use document::{Document, value_problem};
+pub use encoder::Encoder;
 pub use error::{MachineFileError, Problem};
 use prompt::Prompt;
 pub use sensor::{Reached, SensorEntry};
 pub use value::{Fault, Value};
 
-const SECTIONS: [&str; 14] = [
+const SECTIONS: [&str; 15] = [
     "machine",
     "axes",
     "controller",
     "probe",
     "sensor",
+    "encoder",
     "thermometer",
     "keepout",
     "solid",
@@ -70,6 +73,8 @@ pub struct MachineFile {
     pub controller: ControllerConfig,
     pub probe: Probe,
     pub sensors: Vec<SensorEntry>,
+    /// Whose count their samples carry.
+    pub encoder: Option<Encoder>,
     pub thermometers: Vec<thermometer::Entry>,
     pub keepout: Vec<Keepout>,
     pub solids: Vec<Solid>,
@@ -111,6 +116,7 @@ impl MachineFile {
             document.section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
         check::alone(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
         sensor::check_ports(&document, &sensors)?;
+        let encoder = encoder::read(&document, &machine, &sensors)?;
         let thermometers: Vec<thermometer::Entry> =
             document.section(&["thermometer"], Deserialize::deserialize)?.unwrap_or_default();
         check::alone(&document, "thermometer", thermometers.iter().map(|entry| &entry.name))?;
@@ -130,6 +136,7 @@ impl MachineFile {
             controller,
             probe,
             sensors,
+            encoder,
             thermometers,
             keepout,
             solids,

@@ -36,6 +36,14 @@ impl Reached {
         }
     }
 
+    /// After how many counts the rotary encoder's count of a sample begins anew; `None`: its samples carry none.
+    pub fn encoder_round(&self) -> Option<u64> {
+        match self {
+            Self::Simulated(_) => None,
+            Self::Real(real) => real.encoder_round(),
+        }
+    }
+
     /// Where, in words.
     pub fn at(&self) -> String {
         match self {

@@ -1,0 +1,291 @@
+//! Angles of a turn by the counts of a rotary encoder that come with the samples: the angle of the control at rest
+//! before the turn, and the counts since then. The clocks of sensor and control play no part.
+
+use std::f64::consts::TAU;
+
+use super::sweep::{Placed, STILL, thinned};
+use crate::setup::EncoderScale;
+use devices::sensors::Sample;
+use machine::{Axis, Position};
+
+/// At rest after the turn, between counts and control, degrees. With 20 µm of eccentricity it is less than 0.02 µm.
+const MAX_REST_DEVIATION_DEG: f64 = 0.05;
+/// A sample comes at most so long after it was taken.
+const MAX_DELAY_S: f64 = 0.1;
+/// A jump is at least so many times the median step between two samples.
+const MIN_JUMP_RATIO: f64 = 20.0;
+
+/// One turn as one sensor measured it.
+pub(super) struct CountedTurn<'a> {
+    pub scale: EncoderScale,
+    /// Where the control reported its axes at rest, before and after.
+    pub rests: [&'a Position; 2],
+    /// Taken at rest before.
+    pub first: Sample,
+    /// Greatest speed of the axis.
+    pub speed_deg_s: f64,
+}
+
+/// Why the counts of a turn are not those of its axis.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CountFault {
+    #[error("the encoder's count is {count} all the way, while {axis} turned by {turned_deg:.3}°")]
+    Stands { axis: Axis, count: u32, turned_deg: f64 },
+    #[error(
+        "by the encoder's counts {axis} turned by {counted_deg:.3}°, by the control by {turned_deg:.3}°: a ratio \
+         of {:.4}", counted_deg / turned_deg
+    )]
+    Ratio { axis: Axis, counted_deg: f64, turned_deg: f64, counts_per_turn: i64 },
+    #[error(
+        "the encoder's count jumps by {jump_deg:.3}° at {axis} = {at_deg:.3}°, farther than {axis} turns between \
+         two samples"
+    )]
+    Jump { axis: Axis, at_deg: f64, jump_deg: f64 },
+}
+
+impl CountFault {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Stands { .. } => {
+                "see that the encoder is connected to the amplifier and turns with the axis; compare \
+                 `encoder_count` of the sensor with its manual"
+                    .to_owned()
+            }
+            Self::Ratio { counted_deg, turned_deg, counts_per_turn, .. } => {
+                let stated = *counts_per_turn as f64;
+                let is_reversed = (counted_deg + turned_deg).abs() <= MAX_REST_DEVIATION_DEG;
+                let ratio = if is_reversed { -1.0 } else { counted_deg / turned_deg };
+                format!(
+                    "if the ratio is the same at each turn, write counts_per_turn = {:.0} in [encoder] in place of \
+                     {stated} and start a new run; otherwise counts are lost: see to the encoder's cable and \
+                     highest frequency, then `trued resume` measures the turn anew",
+                    stated * ratio
+                )
+            }
+            Self::Jump { .. } => "see to the encoder's cable and highest frequency, and compare `width` or `round` \
+                                  of `encoder_count` with the manual; `trued resume` measures the turn anew"
+                .to_owned(),
+        }
+    }
+}
+
+/// By what angle the axis turned between two samples that follow each other.
+pub(super) fn turned_rad(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<f64> {
+    counts_between(scale, from, to).map(|counts| rad(scale, counts))
+}
+
+/// The shorter way round.
+fn counts_between(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<i64> {
+    let round = i64::try_from(scale.round).ok()?;
+    let step = i64::from(to.encoder_count?) - i64::from(from.encoder_count?);
+    let step = step.rem_euclid(round);
+    Some(if step > round / 2 { step - round } else { step })
+}
+
+fn rad(scale: EncoderScale, counts: i64) -> f64 {
+    counts as f64 * TAU / scale.encoder.counts_per_turn as f64
+}
+
+impl CountedTurn<'_> {
+    /// The samples from where the axis sets out to where it arrives, at most `rate_hz` a second.
+    ///
+    /// # Errors
+    /// The counts are not those of the axis: no sample of the turn is placed.
+    pub fn placed(&self, samples: &[Sample], rate_hz: f64) -> Result<Placed, CountFault> {
+        let axis = self.scale.encoder.axis;
+        let [start, end] = self.rests;
+        let angles = self.angles(samples)?;
+        let is_off =
+            |(_, angle): &(Sample, f64), rest: &Position| (angle - rest.at(axis)).abs() > STILL;
+        let sets_out = angles.iter().position(|sample| is_off(sample, start)).unwrap_or_default();
+        let arrives = angles.iter().rposition(|sample| is_off(sample, end)).unwrap_or_default();
+        let moving = angles.iter().take(arrives + 2).skip(sets_out.saturating_sub(1));
+        let place =
+            |(sample, angle): &(Sample, f64)| (*sample, Some(start.clone().with(axis, *angle)));
+        Ok(thinned(&moving.map(place).collect::<Vec<_>>(), rate_hz))
+    }
+
+    /// The samples that carry a count, and the angle of each, rad.
+    fn angles(&self, samples: &[Sample]) -> Result<Vec<(Sample, f64)>, CountFault> {
+        let start = self.rests[0].at(self.scale.encoder.axis);
+        let (mut count, mut last) = (0, self.first);
+        let mut counted = vec![(last, 0)];
+        for sample in samples {
+            let Some(step) = counts_between(self.scale, &last, sample) else { continue };
+            (count, last) = (count + step, *sample);
+            counted.push((last, count));
+        }
+        self.check_steps(&counted)?;
+        self.check_rest(&counted)?;
+        let angle = |(sample, count): (Sample, i64)| (sample, start + self.rad(count));
+        Ok(counted.into_iter().skip(1).map(angle).collect())
+    }
+
+    fn rad(&self, counts: i64) -> f64 {
+        rad(self.scale, counts)
+    }
+
+    /// A wrong scale makes all steps longer, and is no jump.
+    fn check_steps(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
+        let of_a_sample = |step: i64, sample: &Sample| {
+            step.unsigned_abs() as f64 / (1.0 + f64::from(sample.missing))
+        };
+        let steps = || counted.windows(2).filter_map(|pair| Some((pair.first()?, pair.last()?)));
+        let mut lengths: Vec<f64> = steps()
+            .map(|(from, to)| of_a_sample(to.1 - from.1, &to.0))
+            .filter(|length| *length > 0.0)
+            .collect();
+        lengths.sort_by(f64::total_cmp);
+        let median = lengths.get(lengths.len() / 2).copied().unwrap_or_default();
+        let axis = self.scale.encoder.axis;
+        for (from, to) in steps() {
+            let (step, passed_s) = (to.1 - from.1, (to.0.t_s - from.0.t_s).max(0.0));
+            let jump_deg = self.rad(step).to_degrees();
+            if jump_deg.abs() > self.speed_deg_s * (passed_s + MAX_DELAY_S)
+                && of_a_sample(step, &to.0) > MIN_JUMP_RATIO * median
+            {
+                let at_deg = axis.to_edge(self.rests[0].at(axis) + self.rad(from.1));
+                return Err(CountFault::Jump { axis, at_deg, jump_deg });
+            }
+        }
+        Ok(())
+    }
+
+    /// At rest after the turn the counts say what the control says.
+    fn check_rest(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
+        let axis = self.scale.encoder.axis;
+        let [start, end] = self.rests.map(|rest| rest.at(axis));
+        let turned_deg = (end - start).to_degrees();
+        let counted_deg = counted.last().map_or(0.0, |(_, count)| self.rad(*count).to_degrees());
+        if (counted_deg - turned_deg).abs() <= MAX_REST_DEVIATION_DEG {
+            return Ok(());
+        }
+        if counted.iter().all(|(_, count)| count.abs() <= 1) {
+            let count = self.first.encoder_count.unwrap_or_default();
+            return Err(CountFault::Stands { axis, count, turned_deg });
+        }
+        let counts_per_turn = self.scale.encoder.counts_per_turn;
+        Err(CountFault::Ratio { axis, counted_deg, turned_deg, counts_per_turn })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::setup::machine_file::Encoder;
+    use machine::record::reading::Flag;
+
+    /// A turn from -8° on by 400° within 10 s and a second at rest before and after it, 200 samples a second.
+    fn angle_deg(number: u32) -> f64 {
+        -8.0 + (f64::from(number) - 200.0).clamp(0.0, 2000.0) * 0.2
+    }
+
+    /// What an encoder counts, of `per_turn` counts, that begins anew after `round`.
+    fn counted(angle_deg: f64, per_turn: i64, round: u64) -> u32 {
+        let count = (angle_deg * per_turn as f64 / 360.0).floor() as i64 + 1_000_003;
+        count.rem_euclid(round as i64) as u32
+    }
+
+    fn samples(count: impl Fn(f64) -> u32) -> Vec<Sample> {
+        let sample = |number: u32| Sample {
+            t_s: f64::from(number) / 200.0,
+            value_mm: Some(angle_deg(number)),
+            flag: Flag::None,
+            missing: 0,
+            encoder_count: Some(count(angle_deg(number))),
+        };
+        (0..2400).map(sample).collect()
+    }
+
+    /// As the machine file states the encoder.
+    fn placed(samples: &[Sample], per_turn: i64, round: u64) -> Result<Placed, CountFault> {
+        let rest =
+            |deg: f64| Position::new().with(Axis::X, 7.0).with(Axis::C, Axis::C.from_edge(deg));
+        let turn = CountedTurn {
+            scale: EncoderScale {
+                encoder: Encoder { axis: Axis::C, counts_per_turn: per_turn },
+                round,
+            },
+            rests: [&rest(-8.0), &rest(392.0)],
+            first: samples[0],
+            speed_deg_s: 40.0,
+        };
+        turn.placed(&samples[1..], f64::INFINITY)
+    }
+
+    /// 16, 24 and 32 bits, one turn, and both signs.
+    #[test]
+    fn counts_that_begin_anew_are_followed_in_both_senses() {
+        for round in [1 << 16, 1 << 24, 1 << 32, 90_000] {
+            for per_turn in [90_000, -90_000] {
+                let samples = samples(|deg| counted(deg, per_turn, round));
+                let placed = placed(&samples, per_turn, round).unwrap();
+                assert_eq!((placed.nowhere, placed.thinned), (0, 0));
+                assert!((1990..2010).contains(&placed.samples.len()), "{}", placed.samples.len());
+                for (sample, position) in &placed.samples {
+                    let off_deg = position.at(Axis::C).to_degrees() - sample.value_mm.unwrap();
+                    assert!(off_deg.abs() <= 360.0 / 90_000.0 + 1e-9, "{round}: {off_deg}");
+                    assert_eq!(position.at(Axis::X), 7.0);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn samples_that_are_missing_move_no_other_one() {
+        let mut samples = samples(|deg| counted(deg, 90_000, 1 << 16));
+        samples.drain(900..960);
+        samples[900].missing = 60;
+        let placed = placed(&samples, 90_000, 1 << 16).unwrap();
+        let (sample, position) = placed.samples.last().unwrap();
+        let off_deg = position.at(Axis::C).to_degrees() - sample.value_mm.unwrap();
+        assert!(off_deg.abs() < 0.005, "{off_deg}");
+    }
+
+    fn fault(samples: &[Sample], per_turn: i64, round: u64) -> (CountFault, String) {
+        let fault = placed(samples, per_turn, round).unwrap_err();
+        (fault.clone(), format!("{fault}\n  -> {}", fault.remedy()))
+    }
+
+    #[test]
+    fn a_wrong_sign_and_wrong_counts_per_turn_are_named_with_their_ratio() {
+        let right = samples(|deg| counted(deg, -90_000, 1 << 32));
+        let (_, text) = fault(&right, 90_000, 1 << 32);
+        assert!(text.contains("a ratio of -1.0000") && text.contains("= -90000 in"), "{text}");
+        let (_, text) = fault(&right, -72_000, 1 << 32);
+        assert!(text.contains("turned by 500.0") && text.contains("a ratio of 1.2500"), "{text}");
+        assert!(
+            text.contains("counts_per_turn = -90000 in [encoder] in place of -72000"),
+            "{text}"
+        );
+        let (_, text) = fault(&right, -90, 1 << 32);
+        assert!(text.contains("a ratio of 1000.0"), "{text}");
+        // 100 counts of 90000 are lost.
+        let lost = |deg: f64| counted(deg, 90_000, 1 << 32) - if deg > 100.0 { 100 } else { 0 };
+        let (_, text) = fault(&samples(lost), 90_000, 1 << 32);
+        assert!(text.contains("a ratio of 0.9990") && text.contains("counts are lost"), "{text}");
+    }
+
+    #[test]
+    fn counts_that_do_not_advance_are_named() {
+        let dither = |deg: f64| 4711 + u32::from(deg.rem_euclid(1.0) > 0.5);
+        let (fault, text) = fault(&samples(dither), 90_000, 1 << 16);
+        assert!(matches!(fault, CountFault::Stands { .. }), "{fault:?}");
+        assert!(text.contains("is 4711 all the way, while C turned by 400.000°"), "{text}");
+    }
+
+    #[test]
+    fn a_jump_is_named_with_its_angle_also_where_the_end_is_right() {
+        let spike = |deg: f64| {
+            let count = counted(deg, 90_000, 1 << 24);
+            if (120.0..121.0).contains(&deg) { count + 20_000 } else { count }
+        };
+        let (_, text) = fault(&samples(spike), 90_000, 1 << 24);
+        assert!(text.contains("jumps by 80.") && text.contains("at C = 119.8"), "{text}");
+        // 16 bits stated as 24.
+        let narrow = samples(|deg| counted(deg, 90_000, 1 << 16));
+        let (fault, _) = fault(&narrow, 90_000, 1 << 24);
+        assert!(matches!(fault, CountFault::Jump { .. }), "{fault:?}");
+    }
+}

@@ -1,0 +1,59 @@
+//! `[encoder]`: the rotary encoder whose count the samples of sensors carry.
+
+use serde::Deserialize;
+
+use super::document::{Document, value_problem};
+use super::error::{MachineFileError, Problem};
+use super::sensor::SensorEntry;
+use machine::Axis;
+use machine::record::machine::Machine;
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Encoder {
+    /// The axis that turns it.
+    pub axis: Axis,
+    /// Counts of one turn; negative where it counts against the angle that the control shows.
+    pub counts_per_turn: i64,
+}
+
+/// `None` without `[encoder]`.
+///
+/// # Errors
+/// An axis that does not turn, no counts, or counts without a sensor that carries them, and the other way round.
+pub fn read(
+    document: &Document,
+    machine: &Machine,
+    sensors: &[SensorEntry],
+) -> Result<Option<Encoder>, MachineFileError> {
+    let counts = |entry: &SensorEntry| entry.reached.encoder_round().is_some();
+    let counting = sensors.iter().position(counts);
+    let encoder: Option<Encoder> = document.section(&["encoder"], Deserialize::deserialize)?;
+    let Some(Encoder { axis, counts_per_turn }) = encoder else {
+        return match counting {
+            None => Ok(None),
+            Some(index) => {
+                let why = "has `encoder_count`; add [encoder] with `axis` and `counts_per_turn`";
+                let problem =
+                    Problem::Section { section: "sensor".to_owned(), why: why.to_owned() };
+                Err(document.error_at_entry(&["sensor"], index, "name", problem))
+            }
+        };
+    };
+    let refused = |key: &str, why: String| {
+        let path = ["encoder", key];
+        Err(document.error_at(&path, value_problem(&path, why)))
+    };
+    if axis.is_linear() || axis == Axis::S || !machine.axes.contains_key(&axis) {
+        return refused("axis", format!("is {axis}; it must be a rotary axis of this machine"));
+    }
+    if counts_per_turn == 0 {
+        let why = "is 0; it is the counts of one turn, negative where it counts the other way";
+        return refused("counts_per_turn", why.to_owned());
+    }
+    if counting.is_none() {
+        let why = "is stated, but no sensor has `encoder_count`: state where its samples hold it";
+        return refused("axis", why.to_owned());
+    }
+    Ok(encoder)
+}
