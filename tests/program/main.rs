@@ -10,6 +10,7 @@ mod contract_files;
 mod contract_play;
 mod daemon;
 mod durability;
+mod encoder_turns;
 mod fault_schedules;
 mod halt_latency;
 mod identification;
@@ -48,6 +49,7 @@ fn main() {
         contract_play::trials(),
         daemon::trials(),
         durability::trials(),
+        encoder_turns::trials(),
         fault_schedules::trials(),
         halt_latency::trials(),
         identification::trials(),

@@ -1,0 +1,142 @@
+//! An amplifier with three displacement sensors about a datum cylinder, on a pseudo-terminal. Each line has their
+//! distances in mm, the count of the encoder on C (16 bits) and the number of the line (of four digits):
+//! `+0.01234,-0.00456,+0.00789,51234,0017`. It is beside the simulated world, whose axes move in no time: what it
+//! measures of a turn of C is sent before the control reports the end of the turn ([`Amplifier::catch_up`]).
+
+use std::fmt::Write as _;
+use std::sync::{Arc, Mutex, mpsc as std_mpsc};
+use std::time::Duration;
+
+use link::Pty;
+use machine::{Axis, Position};
+use simulator::{Sensed, World};
+use tokio::io::AsyncWriteExt;
+use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
+use tokio::time::{MissedTickBehavior, interval, sleep};
+
+pub const SENSORS: [&str; 3] = ["x1", "y1", "r1"];
+/// C counts down while its angle grows.
+pub const COUNTS_PER_TURN: i64 = -90_000;
+pub const COUNT_ROUND: i64 = 1 << 16;
+/// The count at C = 0.
+const COUNT_AT_ZERO: i64 = 1_000;
+const LINE_ROUND: u32 = 10_000;
+/// Between two lines, simulated time and true time.
+const PERIOD_S: f64 = 4e-3;
+const LINES_AT_ONCE: usize = 40;
+/// So the reader keeps up.
+const PAUSE: Duration = Duration::from_millis(4);
+
+type Done = std_mpsc::Sender<()>;
+
+pub struct Amplifier {
+    /// The serial port of its client.
+    pub path: String,
+    requests: UnboundedSender<Done>,
+}
+
+impl Amplifier {
+    pub fn start(world: Arc<Mutex<World>>) -> Self {
+        let (requests, requested) = unbounded_channel();
+        let (ready, path) = std_mpsc::channel();
+        std::thread::spawn(move || {
+            let runtime =
+                tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
+            runtime.block_on(async {
+                let Pty { device, path, client_side } = link::pty().unwrap();
+                // Without a client, what is sent is lost.
+                drop(client_side);
+                ready.send(path).unwrap();
+                let sent_s = world.lock().unwrap().time_s();
+                Sender { world, device, sent_s, lines: 0, c: 0.0 }.run(requested).await;
+            });
+        });
+        Self { path: path.recv().unwrap(), requests }
+    }
+
+    /// Until all is sent that was measured of turns of C up to the world's time.
+    pub fn catch_up(&self) {
+        let (done, sent) = std_mpsc::channel();
+        self.requests.send(done).unwrap();
+        sent.recv().unwrap();
+    }
+}
+
+struct Sender<D> {
+    world: Arc<Mutex<World>>,
+    device: D,
+    /// Up to this time of the world.
+    sent_s: f64,
+    lines: u32,
+    /// C in the last line.
+    c: f64,
+}
+
+impl<D: AsyncWriteExt + Unpin> Sender<D> {
+    async fn run(mut self, mut requested: UnboundedReceiver<Done>) {
+        let mut ticks = interval(Duration::from_secs_f64(PERIOD_S));
+        ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            tokio::select! {
+                done = requested.recv() => {
+                    let Some(done) = done else { return };
+                    self.catch_up().await;
+                    done.send(()).unwrap();
+                }
+                _ = ticks.tick() => {
+                    let measured = self.measured(self.sent_s);
+                    self.send(&[measured]).await;
+                }
+            }
+        }
+    }
+
+    async fn catch_up(&mut self) {
+        loop {
+            let mut all = Vec::new();
+            let now_s = self.world.lock().unwrap().time_s();
+            while all.len() < LINES_AT_ONCE && self.sent_s + PERIOD_S <= now_s {
+                self.sent_s += PERIOD_S;
+                let before = self.c;
+                let measured = self.measured(self.sent_s);
+                if self.c != before {
+                    all.push(measured);
+                }
+            }
+            if all.is_empty() {
+                return;
+            }
+            self.send(&all).await;
+            sleep(PAUSE).await;
+        }
+    }
+
+    async fn send(&mut self, all: &[String]) {
+        let mut lines = String::new();
+        for measured in all {
+            self.lines = (self.lines + 1) % LINE_ROUND;
+            writeln!(lines, "{measured},{:04}", self.lines).unwrap();
+        }
+        // Nobody has opened the port.
+        let _ = self.device.write_all(lines.as_bytes()).await;
+    }
+
+    /// Distances and count at `t_s`.
+    fn measured(&mut self, t_s: f64) -> String {
+        let mut world = self.world.lock().unwrap();
+        let mut distances = String::new();
+        let mut stands = Position::new();
+        for name in SENSORS {
+            let passing = world.sensed_at(name, t_s).unwrap();
+            match passing.sensed {
+                Sensed::Distance(mm) => write!(distances, "{mm:+.6},").unwrap(),
+                _ => distances += "OUT,",
+            }
+            stands = passing.position;
+        }
+        self.c = stands.at(Axis::C);
+        let turns = self.c.to_degrees() / 360.0;
+        let count = COUNT_AT_ZERO + (turns * COUNTS_PER_TURN as f64).floor() as i64;
+        format!("{distances}{}", count.rem_euclid(COUNT_ROUND))
+    }
+}
