@@ -64,10 +64,16 @@ pub fn function_differences(
     pairs.filter_map(|(one, other)| difference(one, other, k)).collect()
 }
 
+/// A function without a stated uncertainty, such as residuals, is not compared.
 fn is_comparable(one: &Function, other: &Function) -> bool {
+    let is_stated = |function: &Function| function.u.iter().any(|u| *u > 0.0);
     let of = |f: &Function| (f.symbol.clone(), f.argument_unit.clone(), f.unit);
     let is_drawn_alike = one.figure == other.figure || (is_continuous(one) && is_continuous(other));
-    of(one) == of(other) && is_drawn_alike && one.figure != FigureKind::Histogram
+    of(one) == of(other)
+        && is_drawn_alike
+        && one.figure != FigureKind::Histogram
+        && is_stated(one)
+        && is_stated(other)
 }
 
 /// Its points are those of a curve.
@@ -222,5 +228,7 @@ mod tests {
         let drawn = |figure| Function { figure, ..one.clone() };
         let [curve, polar] = [FigureKind::Curve, FigureKind::Polar].map(drawn);
         assert!(is_comparable(&curve, &polar) && !is_comparable(&curve, &one));
+        let residuals = Function { u: vec![0.0; one.x.len()], ..one.clone() };
+        assert!(!is_comparable(&residuals, &residuals.clone()));
     }
 }
