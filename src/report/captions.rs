@@ -30,7 +30,7 @@ fn caption(function: &Function, k: f64) -> String {
         FigureKind::Histogram => {
             format!("{} values, and the normal distribution that scatters so", function.y.len())
         }
-        FigureKind::Points if !stated => format!("over {}", function.argument),
+        FigureKind::Points | FigureKind::Curve if !stated => format!("over {}", function.argument),
         FigureKind::Spectrum if !stated => "over harmonic order".to_owned(),
         FigureKind::Spectrum => format!("amplitude over harmonic order, {}", band(k)),
         _ => {

@@ -96,9 +96,11 @@ pub struct Function {
     pub symbol: String,
     pub argument: String,
     pub argument_unit: String,
+    /// Rising; of a `curve`, a further curve over the same range begins where it falls.
     pub x: Vec<f64>,
     pub unit: Unit,
     pub y: Vec<f64>,
+    /// Zero where none is stated.
     pub u: Vec<f64>,
     /// How to draw it: `curve`, `polar`, `points`, `histogram` or `spectrum`.
     #[serde(default)]

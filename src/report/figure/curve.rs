@@ -1,4 +1,4 @@
-//! A function over a straight axis, with its uncertainty band.
+//! A function over a straight axis, with its uncertainty band: one curve, or several over the same range.
 
 use plotters::prelude::*;
 
@@ -17,14 +17,17 @@ pub(super) fn curve(function: &Function, samples: &[Sample]) -> Option<String> {
     let (x_name, y_name) = names(function);
     picture(SIZE, |area| {
         let mut chart = super::chart(area, (x_axis, &x_name), (Ticked::round(low..high), &y_name))?;
-        let upper = samples.iter().map(|sample| (sample.x, sample.y + sample.half));
-        let lower = samples.iter().rev().map(|sample| (sample.x, sample.y - sample.half));
-        let band: Vec<_> = upper.chain(lower).collect();
-        chart.draw_series([Polygon::new(band, LINE.mix(BAND))])?;
-        let line: Vec<_> = samples.iter().map(|sample| (sample.x, sample.y)).collect();
-        chart.draw_series([PathElement::new(line.clone(), LINE.stroke_width(4))])?;
-        if line.len() <= MAX_MARKS {
-            chart.draw_series(line.iter().map(|point| Circle::new(*point, 7, LINE.filled())))?;
+        for samples in samples.chunk_by(|sample, next| sample.x <= next.x) {
+            let upper = samples.iter().map(|sample| (sample.x, sample.y + sample.half));
+            let lower = samples.iter().rev().map(|sample| (sample.x, sample.y - sample.half));
+            let band: Vec<_> = upper.chain(lower).collect();
+            chart.draw_series([Polygon::new(band, LINE.mix(BAND))])?;
+            let line: Vec<_> = samples.iter().map(|sample| (sample.x, sample.y)).collect();
+            chart.draw_series([PathElement::new(line.clone(), LINE.stroke_width(4))])?;
+            if line.len() <= MAX_MARKS {
+                chart
+                    .draw_series(line.iter().map(|point| Circle::new(*point, 7, LINE.filled())))?;
+            }
         }
         Ok(())
     })

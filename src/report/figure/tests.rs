@@ -72,6 +72,17 @@ fn the_axes_are_named_with_their_units() {
     assert!(svg.contains("x / µm") && svg.contains("y / µm") && inside(&svg));
 }
 
+/// Two revolutions are two lines, each with its band.
+#[test]
+fn a_further_curve_begins_where_the_argument_falls() {
+    let one = function(&wave(FigureKind::Curve, 8), 2.0).unwrap();
+    let Function { x, y, u, .. } = wave(FigureKind::Curve, 8);
+    let [x, y, u] = [x, y, u].map(|values| [values.clone(), values].concat());
+    let two = function(&Function { x, y, u, ..wave(FigureKind::Curve, 8) }, 2.0).unwrap();
+    let added = |element: &str| two.matches(element).count() - one.matches(element).count();
+    assert_eq!(["<polygon", "<polyline", "<circle"].map(added), [1, 1, 8]);
+}
+
 /// u = 0.5 µm about 0: the band fills the plot except for the room on either side (8 % of its
 /// width each), and the ticks say how wide it is.
 #[test]
