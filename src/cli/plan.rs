@@ -35,7 +35,10 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
             ),
         }
     } else {
-        describe(&plan, &stages)?;
+        let machine_s = describe(&plan, &stages)?;
+        for line in method.forecast(&plan, machine_s)? {
+            say!("{line}");
+        }
         let (_, proof) = program(&plan, &stages, machine.controller.control.dialect())?;
         for line in summary(&proof, &plan) {
             say!("{line}");
@@ -120,8 +123,9 @@ fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
     lines
 }
 
-fn describe(plan: &Plan, stages: &[Stage]) -> Result<(), Failure> {
-    let (_, seconds) = planning::staged_blocks(plan, stages)?;
+/// Returns the machine time, s.
+fn describe(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
+    let (_, machine_s) = planning::staged_blocks(plan, stages)?;
     say!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
     for step in &plan.steps {
         let turned: Vec<String> = step
@@ -133,7 +137,7 @@ fn describe(plan: &Plan, stages: &[Stage]) -> Result<(), Failure> {
         let what = step.text.clone().unwrap_or_else(|| turned.join(" "));
         say!("  {:>4}  {:<14} {what}", step.id, step.label);
     }
-    let seconds = seconds.round();
+    let seconds = machine_s.round();
     say!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
-    Ok(())
+    Ok(machine_s)
 }

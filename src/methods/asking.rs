@@ -104,6 +104,10 @@ impl Method for Asking {
         self.method.check_priors(plan, priors)
     }
 
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+        self.method.forecast(plan, machine_s)
+    }
+
     /// Nothing is numbered anew here, so that what is said of a step names the one in the plan.
     fn identify(
         &self,

@@ -253,6 +253,16 @@ pub trait Method: Send + Sync {
         }
     }
 
+    /// What the run is expected to reach, for the user before anything moves, a line each. `plan`: with all steps at
+    /// nominal positions, of `machine_s` of machine time.
+    ///
+    /// # Errors
+    /// A plan that cannot be identified.
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+        let _ = (plan, machine_s);
+        Ok(Vec::new())
+    }
+
     /// Plan + readings + priors → estimate. A pure function: same input, same output.
     fn identify(
         &self,

@@ -153,6 +153,10 @@ impl<'a> Run<'a> {
         self.can_ask(first_question(&steps))?;
         // What the method refuses is refused before anything moves.
         self.next(&[])?;
+        let planned = Plan { steps, ..self.plan.clone() };
+        for text in self.method.forecast(&planned, stage_s.iter().sum())? {
+            self.note(Event::Announced { text }).await?;
+        }
         let stands = self.prepare().await?;
         self.stages(Vec::new(), Some(stands), &stage_s).await
     }
