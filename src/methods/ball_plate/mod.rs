@@ -3,8 +3,11 @@
 //! table; least squares over all visits separates the table, the plate and the linear axes.
 
 mod basis;
+mod cross_check;
+mod cycles;
 mod design;
 mod equations;
+mod four_steps;
 mod identify;
 mod layout;
 mod observe;
@@ -12,6 +15,7 @@ mod outputs;
 mod plate;
 mod settings;
 mod solved;
+mod sources;
 #[cfg(test)]
 mod tests;
 mod warnings;

@@ -50,7 +50,7 @@ pub fn harmonic_functions(solved: &Solved<'_>) -> Vec<HarmonicFunction> {
     functions.filter(|function| !function.harmonics.is_empty()).collect()
 }
 
-fn unit(component: Axis) -> Unit {
+pub fn unit(component: Axis) -> Unit {
     if component.is_linear() { Unit::Um } else { Unit::Urad }
 }
 

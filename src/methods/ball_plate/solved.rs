@@ -1,22 +1,64 @@
 //! The solved equations of a run, without uncertainty.
 
 use faer::Mat;
+use nalgebra::Vector3;
 
 use super::design::Design;
-use super::observe::Measured;
+use super::equations::solve;
+use super::observe::{Measured, measured};
 use super::plate::Plate;
 use super::settings::Settings;
-use estimation::linear::LinearSolution;
+use super::sources::{sigma, sources};
+use crate::IdentifyError;
+use crate::identification::UncertaintySource;
+use estimation::linear::{LinearSolution, Survey};
+use estimation::null_names::name_null_space;
 use machine::record::plan::Plan;
+use machine::record::reading::Reading;
+
+/// Lost combinations that are named at most.
+const MAX_NAMED_LOST: usize = 4;
 
 pub struct Solved<'a> {
-    pub plan: &'a Plan,
     pub settings: &'a Settings,
     pub plate: &'a Plate<'a>,
-    pub design: &'a Design,
+    pub design: Design,
     pub measured: Measured,
+    pub sources: Vec<UncertaintySource>,
     /// Of each coordinate of each sighting, mm.
     pub sigma: Vec<f64>,
     pub a: Mat<f64>,
     pub solution: LinearSolution,
+}
+
+impl<'a> Solved<'a> {
+    /// # Errors
+    /// Readings that do not belong to the plan or do not separate the unknowns.
+    pub fn new(
+        plan: &'a Plan,
+        settings: &'a Settings,
+        plate: &'a Plate<'a>,
+        readings: &[Reading],
+    ) -> Result<Self, IdentifyError> {
+        let mut design = Design::new(plan, settings, plate)?;
+        let measured = measured(plan, settings, plate, &design, readings)?;
+        let interruptions = measured.sightings.iter().map(|sighting| sighting.segment).max();
+        design.layout.interruptions = interruptions.filter(|_| !settings.values).unwrap_or(0);
+        let sources = sources(plan, &measured);
+        let sigma = sigma(&sources, measured.sightings.len());
+        let names = design.layout.names(plate.axis);
+        let lost = |survey: &Survey| {
+            let mut named = name_null_space(survey.null_space.as_ref(), &names);
+            named.truncate(MAX_NAMED_LOST);
+            named
+        };
+        let (a, solution) = solve(&design.layout, &design.stops, &measured.sightings, &sigma)
+            .map_err(|error| IdentifyError::unsolved(error, lost))?;
+        Ok(Self { settings, plate, design, measured, sources, sigma, a, solution })
+    }
+
+    /// Measured less fitted deviation of each sighting, in axis positions, mm.
+    pub fn residuals(&self) -> impl Iterator<Item = Vector3<f64>> {
+        self.solution.residuals.chunks(3).map(Vector3::from_column_slice)
+    }
 }

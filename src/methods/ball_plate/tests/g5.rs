@@ -125,7 +125,7 @@ pub fn errors(setting: &Setting, truth: &Truth, basis: &Basis, x: &[f64]) -> [f6
     })
 }
 
-fn median_and_p95(mut values: Vec<f64>) -> [f64; 2] {
+pub fn median_and_p95(mut values: Vec<f64>) -> [f64; 2] {
     values.sort_by(f64::total_cmp);
     [0.5, 0.95].map(|share| values[(share * (values.len() - 1) as f64) as usize])
 }

@@ -1,0 +1,128 @@
+//! Least squares over all visits against the four steps of paper 5.
+
+use std::collections::BTreeSet;
+use std::fmt;
+
+use nalgebra::Vector3;
+
+use super::four_steps::four_steps;
+use super::layout::{COMPONENTS, Layout};
+use super::solved::Solved;
+use crate::identification::{Identification, unit_slope};
+use machine::record::estimate::Unit;
+
+pub enum CrossCheck {
+    NotPossible(&'static str),
+    Compared(CoefficientDifference),
+}
+
+/// The coefficient of an error motion that differs most against its expanded uncertainty.
+pub struct CoefficientDifference {
+    pub symbol: String,
+    pub unit: Unit,
+    /// Internal unit.
+    pub by: f64,
+    pub expanded: f64,
+}
+
+impl CrossCheck {
+    pub fn new(solved: &Solved<'_>, identified: &Identification) -> Self {
+        if let Some(reason) = obstacle(solved) {
+            return Self::NotPossible(reason);
+        }
+        let layout = &solved.design.layout;
+        let (stops, sightings) = (&solved.design.stops, &solved.measured.sightings);
+        let Some(other) = four_steps(layout, stops, sightings, &without_drift(solved)) else {
+            return Self::NotPossible("their equations have no solution");
+        };
+        let uncertainty = |j| identified.propagation.uncertainty(&unit_slope(j, layout.unknowns()));
+        let expanded: Vec<f64> = (0..other.len()).map(|j| uncertainty(j).expanded()).collect();
+        let by = |j: usize| (other[j] - solved.solution.x[j]).abs();
+        let share = |j: usize| by(j) / expanded[j].max(f64::MIN_POSITIVE);
+        let worst = (0..other.len()).max_by(|i, j| share(*i).total_cmp(&share(*j))).unwrap_or(0);
+        let symbol = layout.names(solved.plate.axis).swap_remove(worst);
+        let unit = unit_of(layout, worst);
+        Self::Compared(CoefficientDifference {
+            symbol,
+            unit,
+            by: by(worst),
+            expanded: expanded[worst],
+        })
+    }
+
+    /// Unequal weights alone make less than U: between estimates whose weights vary by a factor of two the standard
+    /// deviation of a difference is 0.35 u, by a factor of four 0.75 u.
+    pub fn warning(&self) -> Option<String> {
+        let Self::Compared(difference) = self else { return None };
+        (difference.by > difference.expanded).then(|| {
+            format!(
+                "least squares over all visits and the four steps of paper 5 do not agree: {difference}. Look for \
+                 visits in residual_rms that do not fit, and measure again"
+            )
+        })
+    }
+}
+
+impl fmt::Display for CrossCheck {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let reference = "least squares over all visits";
+        match self {
+            Self::NotPossible(reason) => {
+                write!(f, "{reference}; not compared with the four steps of paper 5: {reason}")
+            }
+            Self::Compared(difference) => {
+                write!(f, "{reference}; compared with the four steps of paper 5: {difference}")
+            }
+        }
+    }
+}
+
+impl fmt::Display for CoefficientDifference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { symbol, unit, by, expanded } = self;
+        let [by, expanded] = [by, expanded].map(|value| unit.from_internal(*value));
+        let unit = unit.symbol();
+        write!(f, "largest difference {by:.3} {unit}, in {symbol} (U = {expanded:.3} {unit})")
+    }
+}
+
+fn unit_of(layout: &Layout, coefficient: usize) -> Unit {
+    let motions = COMPONENTS.len() * layout.basis.len();
+    let component = match coefficient.checked_sub(motions) {
+        None => coefficient / layout.basis.len(),
+        Some(reversal) => reversal,
+    };
+    super::outputs::unit(COMPONENTS[component])
+}
+
+/// Why the four steps do not apply.
+fn obstacle(solved: &Solved<'_>) -> Option<&'static str> {
+    let Solved { design, measured, plate, settings, .. } = solved;
+    let (balls, positions) = (plate.steps.len(), settings.positions);
+    let steps: BTreeSet<usize> = plate.steps.iter().copied().collect();
+    let is_even = steps.len() == balls
+        && positions.is_multiple_of(balls)
+        && steps.iter().all(|step| step.is_multiple_of(positions / balls));
+    let visits: BTreeSet<(usize, usize)> =
+        measured.sightings.iter().map(|sighting| (sighting.stop, sighting.ball)).collect();
+    let all = design.stops.len() * balls;
+    let is_complete = visits.len() == all && measured.sightings.len() == all;
+    match () {
+        () if settings.values => Some("they need harmonics (values = false)"),
+        () if !is_even => Some("they need balls at equal angles, which lose harmonics"),
+        () if !is_complete => Some("they need each ball once at each stop"),
+        () => None,
+    }
+}
+
+/// Deviations of the sightings, less the fitted drift and the steps at interruptions, mm.
+fn without_drift(solved: &Solved<'_>) -> Vec<Vector3<f64>> {
+    let Solved { design, measured, solution, a, .. } = solved;
+    let drift = design.layout.drift(1, 0)..design.layout.place(0, 0);
+    let fitted = |row: usize| drift.clone().map(|j| a[(row, j)] * solution.x[j]).sum::<f64>();
+    let sightings = measured.sightings.iter().enumerate();
+    let of_sighting = |(i, sighting): (usize, &super::equations::Sighting)| {
+        sighting.deviation - Vector3::from_fn(|axis, _| fitted(3 * i + axis))
+    };
+    sightings.map(of_sighting).collect()
+}

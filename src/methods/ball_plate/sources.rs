@@ -1,0 +1,51 @@
+//! Uncertainty sources of a run, and the weights that follow from them.
+
+use nalgebra::Vector3;
+
+use super::observe::Measured;
+use crate::ball_measurement::{nonzero_columns, shifts, touch_sources};
+use crate::identification::declared::drift_mm_per_s;
+use crate::identification::{UncertaintySource, block_covariances};
+use machine::Axis;
+use machine::record::plan::Plan;
+
+/// No coordinate has more weight than one of this standard uncertainty, mm.
+const MIN_U_MM: f64 = 1e-6;
+/// Assumed time constant of a machine that settles, s: what the declared drift rate changes by within a run.
+const SETTLING_S: f64 = 7200.0;
+
+/// Errors of X, Y and Z that stay as they are belong to the measuring positions, and no source.
+pub fn sources(plan: &Plan, measured: &Measured) -> Vec<UncertaintySource> {
+    let centres = &measured.observed.centres;
+    let mut list = touch_sources(plan, &measured.observed);
+    let first_s = centres.first().map_or(0.0, |centre| centre.t_s);
+    // The fitted polynomial takes a constant rate whole; this is how a rate may change.
+    let settled = |t_s: f64| SETTLING_S * (1.0 - (-(t_s - first_s) / SETTLING_S).exp());
+    let rate = drift_mm_per_s(plan);
+    let column = |axis: Axis| {
+        shifts(centres, |centre| -> Vector3<f64> {
+            axis.direction() * (rate * settled(centre.t_s))
+        })
+    };
+    list.push(UncertaintySource {
+        is_in_weights: false,
+        ..UncertaintySource::new(
+            "change of the drift rate",
+            nonzero_columns(Axis::LINEAR.map(column)),
+        )
+    });
+    list.iter_mut().filter(|source| source.name == "thermal drift").for_each(|source| {
+        source.is_in_weights = false;
+    });
+    list.retain(|source| source.draws() > 0);
+    list
+}
+
+/// Standard uncertainty of each coordinate of each sighting, mm.
+pub fn sigma(sources: &[UncertaintySource], sightings: usize) -> Vec<f64> {
+    let blocks = block_covariances::<3>(sources, sightings);
+    let of_block = |block: &nalgebra::Matrix3<f64>| {
+        [0, 1, 2].map(|axis| block[(axis, axis)].sqrt().max(MIN_U_MM))
+    };
+    blocks.iter().flat_map(of_block).collect()
+}
