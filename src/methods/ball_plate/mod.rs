@@ -7,6 +7,7 @@ mod cross_check;
 mod cycles;
 mod design;
 mod equations;
+mod forecast;
 mod four_steps;
 mod identify;
 mod layout;
@@ -70,6 +71,11 @@ impl Method for BallPlate {
             self.check_duration(time_s)?;
         }
         ball_measurement::next(&setup, &design.visits, done, source)
+    }
+
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+        forecast::forecast(plan, &self.settings, machine_s)
+            .map_err(|error| Refused::new(error.to_string(), error.remedy()))
     }
 
     fn identify(
