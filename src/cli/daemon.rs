@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::Exit;
 use super::args::RunArgs;
 use super::failure::Failure;
+use super::progress::Progress;
 use super::signals::stop_on_signals;
 use super::terminal::{by_enter, typed};
 use crate::run::{Answers, Asked};
@@ -17,6 +18,7 @@ use crate::setup::MachineFile;
 use crate::store::{Holder, Journal, LockError, RunId, sha256_text};
 use devices::controllers::Halt;
 use machine::record::estimate::Estimate;
+use machine::record::event::Event;
 
 /// From one look to the next.
 const LOOK: Duration = Duration::from_millis(200);
@@ -74,8 +76,9 @@ impl Daemon {
             "cycle": cycle["number"], "who": who, "enable": true, "auto": true, "door": true,
         });
         self.post("start", &vouched)?;
-        let answers = by_enter(who.clone(), |words| tell!("{words}"));
-        let ended = self.watched(&who, &answers)?;
+        let mut progress = Progress::start(args.output.json);
+        let answers = by_enter(who.clone(), progress.printer());
+        let ended = self.watched(&who, &answers, &mut progress)?;
         let run = RunId(ended["run"].as_i64().unwrap_or(0));
         match ended["state"].as_str() {
             Some("waiting") => {}
@@ -97,8 +100,14 @@ impl Daemon {
     }
 
     /// Until no run is on. Each stage is told, and what `who` is asked.
-    fn watched(&self, who: &str, answers: &Answers) -> Result<Value, Failure> {
+    fn watched(
+        &self,
+        who: &str,
+        answers: &Answers,
+        progress: &mut Progress,
+    ) -> Result<Value, Failure> {
         let (mut stage, mut open) = (Value::Null, None);
+        let print = progress.printer();
         loop {
             let standing = self.standing()?;
             if standing["state"] != "running" {
@@ -106,22 +115,25 @@ impl Daemon {
             }
             let asked = question(&standing["asked"]);
             if asked.is_some() && asked != open {
-                tell!("a person is asked, here at a terminal or at the page:");
+                print("a person is asked, here at a terminal or at the page:");
             }
+            let values = serde_json::from_value(standing["asked"]["live"].clone());
+            progress.tell(&Event::Watched { values: values.unwrap_or_default() });
             if let Some(Asked { step, repeat, .. }) =
                 asked.as_ref().filter(|asked| answers.look(asked).is_some())
                 && let Err(refused) =
                     self.post("answer", &json!({"step": step, "repeat": repeat, "who": who}))
             {
                 // Somebody at the page was faster.
-                tell!("{}", refused.what);
+                print(&refused.what);
             }
             open = asked;
             if standing["stage"] != stage && standing["stage"] != "" {
                 stage = standing["stage"].clone();
                 let left = standing["remaining_s"].as_f64();
                 let left = left.map(|s| format!(": about {:.0} min left", s / 60.0));
-                tell!("{}{}", stage.as_str().unwrap_or_default(), left.unwrap_or_default());
+                let stage = stage.as_str().unwrap_or_default();
+                print(&format!("{stage}{}", left.unwrap_or_default()));
             }
             sleep(LOOK);
         }

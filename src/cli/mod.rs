@@ -20,6 +20,7 @@ mod failure;
 mod files;
 mod identify;
 mod init;
+mod live_values;
 mod method_list;
 mod plan;
 mod progress;

@@ -2,7 +2,12 @@
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::live_values::lines;
 use machine::record::event::Event;
+
+/// How the bar is drawn: while steps are measured, and while sensors are watched.
+const STEPS: &str = "  {bar:14} {pos:>2}/{len}  {wide_msg}";
+const SENSORS: &str = "{msg}";
 
 pub struct Progress {
     bar: ProgressBar,
@@ -16,10 +21,15 @@ impl Progress {
         if quiet {
             bar.set_draw_target(ProgressDrawTarget::hidden());
         }
-        if let Ok(style) = ProgressStyle::with_template("  {bar:14} {pos:>2}/{len}  {wide_msg}") {
-            bar.set_style(style);
+        let progress = Self { bar, last: String::new() };
+        progress.draw_as(STEPS);
+        progress
+    }
+
+    fn draw_as(&self, template: &str) {
+        if let Ok(style) = ProgressStyle::with_template(template) {
+            self.bar.set_style(style);
         }
-        Self { bar, last: String::new() }
     }
 
     pub fn tell(&mut self, event: &Event) {
@@ -65,7 +75,14 @@ impl Progress {
             }
             // Whoever waits for the answer shows the question.
             Event::Asked { .. } => self.bar.set_message("a person is asked"),
+            // On a terminal alone: a log would grow for as long as the person works.
+            Event::Watched { values } => {
+                self.draw_as(SENSORS);
+                self.bar.set_message(lines(values));
+            }
             Event::Answered { who, .. } => {
+                self.draw_as(STEPS);
+                self.bar.set_message("");
                 self.say(&format!("done, says {who}"));
                 self.bar.inc(1);
             }

@@ -109,6 +109,7 @@ impl Access {
                     scan: None,
                     text: None,
                     mount: None,
+                    watch: Vec::new(),
                 })
             })
             .collect()

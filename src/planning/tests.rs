@@ -53,6 +53,7 @@ fn touch(id: u32, phi: f64, b: f64, c: f64, s: f64) -> Step {
         scan: None,
         text: None,
         mount: None,
+        watch: Vec::new(),
     }
 }
 

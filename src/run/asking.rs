@@ -1,21 +1,25 @@
 //! Before a stage is proven a person may be asked to do something at the machine. Nothing is sent to the
-//! control until somebody has said that it is done, however long that takes; a halt ends the wait.
+//! control until somebody has said that it is done, however long that takes; a halt ends the wait. The sensors
+//! that the prompt names are read meanwhile.
 
 use std::sync::Arc;
 use std::time::Duration;
 
 use jiff::Timestamp;
-use tokio::time::sleep;
+use tokio::time::{Instant, sleep};
 
 use super::{Run, RunError};
 use devices::controllers::ControllerError;
 use machine::Position;
 use machine::record::event::Event;
 use machine::record::plan::{Stage, Step, StepKind};
+use machine::record::watch::WatchedSensor;
 use planning::{Confirmed, asked_first};
 
 /// How often an answer, or a stop, is looked for.
 const POLL: Duration = Duration::from_millis(50);
+/// Minimum time between two looks at the watched sensors.
+const WATCH_PERIOD: Duration = Duration::from_millis(250);
 
 /// What a person is asked to do, and where in the plan.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -102,7 +106,8 @@ impl Run<'_> {
         for asked in open {
             let step = self.plan.steps.iter().find(|step| step.id == asked.step);
             let mount = step.and_then(|step| step.mount);
-            self.ask(asked).await?;
+            let watch = step.map_or(Vec::new(), |step| step.watch.clone());
+            self.ask(asked, &watch).await?;
             mount.into_iter().for_each(|mount| self.devices.artefact_mounted(mount));
         }
         // Whoever was at the machine may have moved it, and changed modes, offsets or overrides.
@@ -110,17 +115,23 @@ impl Run<'_> {
         Ok(Some(self.devices.controller.prepare().await?.stands))
     }
 
-    async fn ask(&mut self, asked: Asked) -> Result<(), RunError> {
+    async fn ask(&mut self, asked: Asked, watch: &[WatchedSensor]) -> Result<(), RunError> {
         self.can_ask(Some(&asked.text))?;
         let Asked { step, repeat, text } = asked.clone();
         self.note(Event::Asked { step, repeat, text }).await?;
         let halt = self.devices.controller.halt();
+        let mut next_values = Instant::now();
         let who = loop {
             if halt.is_halted() {
                 return Err(ControllerError::Halted.into());
             }
             if let Some(who) = self.answers.look(&asked) {
                 break who;
+            }
+            if !watch.is_empty() && Instant::now() >= next_values {
+                let values = self.live_values(watch).await;
+                (self.tell)(&Event::Watched { values });
+                next_values = Instant::now() + WATCH_PERIOD;
             }
             sleep(POLL).await;
         };

@@ -15,6 +15,9 @@ mod equal_angles;
 mod error;
 mod identify;
 mod live_check;
+mod live_values;
+#[cfg(test)]
+mod live_values_tests;
 mod resume;
 mod scan;
 mod scan_in_motion;

@@ -89,7 +89,7 @@ impl Run<'_> {
         step.sensors.iter().map(accepts).collect()
     }
 
-    fn sensor(&self, name: &str) -> Result<&Mounted, RunError> {
+    pub(super) fn sensor(&self, name: &str) -> Result<&Mounted, RunError> {
         let named = self.looking.iter().find(|sensor| sensor.name() == name);
         named.ok_or_else(|| faulty(name)(SensorError::Unknown { name: name.to_owned() }))
     }

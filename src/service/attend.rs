@@ -342,7 +342,10 @@ impl Attendant {
             Event::Asked { step, repeat, text } => {
                 self.log.say(&format!("a person is asked: {text}"));
                 let asked = Asked { step: *step, repeat: *repeat, text: text.clone() };
-                self.desk.show(|board| board.asked = Some(asked));
+                self.desk.show(|board| (board.asked, board.live) = (Some(asked), None));
+            }
+            Event::Watched { values } => {
+                self.desk.show(|board| board.live = Some(values.clone()));
             }
             Event::Answered { who, .. } => self.log.say(&format!("done, says {who}")),
             Event::ReadingStored { .. } | Event::ScanStored { .. } => {

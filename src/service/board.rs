@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 use super::config::Demand;
 use crate::run::Asked;
 use machine::record::estimate::{Parameter, Verdict};
+use machine::record::watch::LiveValues;
 
 /// What the service does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -158,6 +159,8 @@ pub struct Board {
     pub failure: Option<Failure>,
     /// What a person is asked to do; nothing moves before it is answered.
     pub asked: Option<Asked>,
+    /// What the sensors read that the person who is asked watches; `None` before the first values.
+    pub live: Option<LiveValues>,
 }
 
 /// In words, for a person.
@@ -175,6 +178,7 @@ impl Board {
         self.deviations.clear();
         (self.elsewhere, self.failure) = (false, None);
         (self.stage, self.step) = (String::new(), String::new());
-        (self.remaining_s, self.measured, self.asked) = (machine_s, 0, None);
+        (self.remaining_s, self.measured) = (machine_s, 0);
+        (self.asked, self.live) = (None, None);
     }
 }

@@ -5,6 +5,7 @@
 
 mod ball_motions;
 mod ball_plate;
+mod centring;
 mod compare;
 mod five_axes;
 mod kinematics_g0;

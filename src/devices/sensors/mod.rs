@@ -121,6 +121,7 @@ enum Request {
     Take(u32, oneshot::Sender<Result<Vec<Sample>, SensorError>>),
     Watch(Good, Act, oneshot::Sender<Result<(), SensorError>>),
     Rest(oneshot::Sender<Result<Option<Sample>, SensorError>>),
+    Current(oneshot::Sender<Result<Sample, SensorError>>),
     Tally(oneshot::Sender<Result<Tally, SensorError>>),
 }
 
@@ -183,6 +184,11 @@ impl Sensor {
         self.ask(Request::Rest).await
     }
 
+    /// The next sample, for display only: neither captured nor counted. A replay has none.
+    pub async fn current(&self) -> Result<Sample, SensorError> {
+        self.ask(Request::Current).await
+    }
+
     /// What came up to now.
     pub async fn tally(&self) -> Result<Tally, SensorError> {
         self.ask(Request::Tally).await
@@ -231,6 +237,7 @@ async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
                 drop(answer.send(Ok(Tally { passed_over, ..tally })));
             }
             Request::Rest(answer) => drop(answer.send(std::mem::replace(&mut seen, Ok(None)))),
+            Request::Current(answer) => drop(answer.send(current(&mut driver).await)),
         }
     }
 }
@@ -247,6 +254,11 @@ async fn take(driver: &mut impl Driver, count: u32) -> Result<Vec<Sample>, Senso
         }
     }
     Ok(samples)
+}
+
+async fn current(driver: &mut impl Driver) -> Result<Sample, SensorError> {
+    driver.forget().await?;
+    driver.next().await
 }
 
 /// From now on; `false`: it says nothing unless it is asked.

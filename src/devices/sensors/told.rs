@@ -84,6 +84,7 @@ pub async fn replay(talk: Talk, mut inbox: mpsc::Receiver<Request>) {
             }
             // What came then is not told by it.
             Request::Tally(answer) => drop(answer.send(Ok(Tally::default()))),
+            Request::Current(answer) => drop(answer.send(Err(ended()))),
             Request::Rest(answer) => drop(answer.send(std::mem::replace(&mut seen, Ok(None)))),
         }
     }

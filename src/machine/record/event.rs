@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::plan::Stage;
 use super::proof::Proof;
 use super::reading::Reading;
+use super::watch::LiveValues;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "event")]
@@ -35,6 +36,10 @@ pub enum Event {
         step: u32,
         repeat: u32,
         text: String,
+    },
+    /// The watched sensors of a prompt while it waits, a few times a second; not in the journal.
+    Watched {
+        values: LiveValues,
     },
     /// Somebody has done it.
     Answered {

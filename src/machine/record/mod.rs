@@ -12,3 +12,4 @@ pub mod question;
 pub mod reading;
 pub mod sensor;
 pub mod track;
+pub mod watch;

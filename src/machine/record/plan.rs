@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::artefact::Artefact;
 use super::machine::{Keepout, Machine, Probe, Solid};
 use super::sensor::Sensor;
+use super::watch::WatchedSensor;
 use crate::{Axis, Position};
 
 /// Version of the plan format, the value of the key `trued_plan`.
@@ -79,6 +80,9 @@ pub struct Step {
     /// Of a prompt: how the artefact is mounted from here on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mount: Option<ArtefactMount>,
+    /// Of a prompt: sensors that are read while the person works.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub watch: Vec<WatchedSensor>,
 }
 
 /// How the artefact is mounted.
@@ -112,6 +116,7 @@ impl Step {
             scan: None,
             text: Some(text),
             mount: None,
+            watch: Vec::new(),
         }
     }
 

@@ -75,6 +75,7 @@ impl Place {
             scan: None,
             text: None,
             mount: None,
+            watch: Vec::new(),
         }
     }
 

@@ -6,9 +6,12 @@ use super::label::Label;
 use super::model::Surface;
 use super::setup::Setup;
 use machine::record::reading::Reading;
+use machine::record::watch::{SectionSensor, WatchedSensor};
 
 /// Stops in the revolution.
 pub const CENTRING_POINTS: usize = 12;
+/// Half the angle between two stops, rad.
+const HALF_STEP: f64 = std::f64::consts::PI / CENTRING_POINTS as f64;
 
 /// What the last round of centring has shown.
 pub struct Centring {
@@ -16,6 +19,8 @@ pub struct Centring {
     offsets_mm: Vec<[f64; 2]>,
     /// Least and greatest distance of each sensor, mm. `None`: it has reported none.
     used_mm: Vec<Option<[f64; 2]>>,
+    /// Mean distance of each sensor where the table stands after the round, mm.
+    rest_mm: Vec<Option<f64>>,
 }
 
 impl Centring {
@@ -31,16 +36,41 @@ impl Centring {
                 values.fold([f64::MAX, f64::MIN], |[low, high], v| [low.min(v), high.max(v)]);
             (ends[0] <= ends[1]).then_some(ends)
         };
+        let rest = |name: &str| {
+            let is_last = |r: &&&Reading| (r.position.at(setup.axis) - stands).abs() < HALF_STEP;
+            let last = round.iter().filter(|r| r.sensor == name).filter(is_last);
+            let values: Vec<f64> = last.filter_map(|r| r.value_mm).collect();
+            (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+        };
         let offset = |section: usize| offset_mm(setup, section, &round, stands);
         Some(Self {
             offsets_mm: (0..setup.layout.section_z_mm.len()).map(offset).collect(),
             used_mm: setup.layout.channels.iter().map(|channel| used(&channel.name)).collect(),
+            rest_mm: setup.layout.channels.iter().map(|channel| rest(&channel.name)).collect(),
         })
     }
 
     pub fn is_within(&self, setup: &Setup<'_>) -> bool {
         let limit_mm = setup.settings.eccentricity_limit_um * 1e-3;
         self.offsets_mm.iter().all(|[x, y]| x.hypot(*y) <= limit_mm)
+    }
+
+    /// The sensors to watch. Centring makes a radial value greater by the eccentricity's component towards the sensor.
+    pub fn watch(&self, setup: &Setup<'_>) -> Vec<WatchedSensor> {
+        let channels = setup.layout.channels.iter().zip(&self.rest_mm);
+        let watched = channels.map(|(channel, rest_mm)| {
+            let unaimed = WatchedSensor::new(&channel.name);
+            let Surface::Section(section) = channel.surface else { return unaimed };
+            let ([x, y], (sin, cos)) = (self.offsets_mm[section], channel.angle_rad.sin_cos());
+            let (z_mm, angle_deg) =
+                (setup.layout.section_z_mm[section], channel.angle_rad.to_degrees());
+            WatchedSensor {
+                target_mm: rest_mm.map(|rest| rest + x * cos + y * sin),
+                section: Some(SectionSensor { number: section + 1, z_mm, angle_deg }),
+                ..unaimed
+            }
+        });
+        watched.collect()
     }
 
     /// What to do, for the prompt.

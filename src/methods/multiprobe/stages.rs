@@ -11,6 +11,7 @@ use crate::{Next, Refused, Source};
 use estimation::revolutions::KERNEL_HALF_STEPS;
 use machine::Position;
 use machine::record::plan::{ArtefactMount, Sampling, Scan, Stage, Step, StepKind};
+use machine::record::watch::WatchedSensor;
 
 /// Rounds of centring after which the method gives up.
 const MAX_CENTRING_ROUNDS: usize = 20;
@@ -31,9 +32,16 @@ pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
     let off = measured.filter(|centring| !centring.is_within(setup));
     let turn = turn_deg(setup)?;
     let (name, steps) = match (rounds, mounted, &off) {
-        (0, _, _) => ("centring".to_owned(), centring(setup, &turn, 1, first_text(setup)?)?),
+        (0, _, _) => {
+            let watch = setup.plan.sensors.iter().map(WatchedSensor::at_mid_range).collect();
+            let prompt = Step { watch, ..Step::prompt("centre/1".to_owned(), first_text(setup)?) };
+            ("centring".to_owned(), vec![prompt, centring_turn(setup, &turn, 1)])
+        }
         (rounds, 0, Some(off)) if rounds < MAX_CENTRING_ROUNDS => {
-            ("centring, once more".to_owned(), centring(setup, &turn, rounds + 1, off.text(setup))?)
+            let round = rounds + 1;
+            let prompt = Step::prompt(format!("centre/{round}"), off.text(setup));
+            let prompt = Step { watch: off.watch(setup), ..prompt };
+            ("centring, once more".to_owned(), vec![prompt, centring_turn(setup, &turn, round)])
         }
         (_, 0, Some(_)) => {
             return Err(Refused::new(
@@ -61,18 +69,11 @@ fn first_text(setup: &Setup<'_>) -> Result<String, Refused> {
     ))
 }
 
-/// The prompt and one revolution in few stops.
-fn centring(
-    setup: &Setup<'_>,
-    turn_deg: &[f64],
-    round: usize,
-    text: String,
-) -> Result<Vec<Step>, Refused> {
+/// One revolution in few stops.
+fn centring_turn(setup: &Setup<'_>, turn_deg: &[f64], round: usize) -> Step {
     let step_deg = 360.0 / CENTRING_POINTS as f64;
     let angles = (0..=CENTRING_POINTS).map(|k| turn_deg[0] + k as f64 * step_deg);
-    let scan = scan(setup, Label::Centring(round), StepKind::Scan, angles.collect(), rests(setup));
-    let prompt = Step::prompt(format!("centre/{round}"), text);
-    Ok(vec![prompt, scan])
+    scan(setup, Label::Centring(round), StepKind::Scan, angles.collect(), rests(setup))
 }
 
 /// Of one mounting, counted from 1.

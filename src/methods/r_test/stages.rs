@@ -9,6 +9,7 @@ use crate::turns::Turns;
 use crate::{Next, Refused, Source};
 use machine::record::plan::{Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
+use machine::record::watch::WatchedSensor;
 use machine::{Axis, Position};
 
 /// The next stage after the `done` ones.
@@ -51,7 +52,8 @@ fn prompt(nest: &Nest<'_>) -> Step {
          nest from above",
         names.join(", ")
     );
-    Step::prompt(PROMPT.to_owned(), text)
+    let watch = names.into_iter().map(WatchedSensor::new).collect();
+    Step { watch, ..Step::prompt(PROMPT.to_owned(), text) }
 }
 
 /// About the origin, along each axis both ways.

@@ -238,6 +238,7 @@ impl<'a> Planner<'a> {
             scan: None,
             text: None,
             mount: None,
+            watch: Vec::new(),
         })
     }
 

@@ -5,11 +5,12 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::Shown;
-use super::openapi::views::{ParameterView, VerdictView};
+use super::openapi::views::{LiveValuesView, ParameterView, VerdictView};
 use super::results::Told;
 use crate::run::Asked;
 use crate::service::board::{Board, Failure, State};
 use machine::record::estimate::{Parameter, Verdict};
+use machine::record::watch::LiveValues;
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Standing {
@@ -57,12 +58,10 @@ pub struct Question {
     pub step: u32,
     pub repeat: u32,
     pub text: String,
-}
-
-impl From<Asked> for Question {
-    fn from(Asked { step, repeat, text }: Asked) -> Self {
-        Self { step, repeat, text }
-    }
+    /// What the prompt's sensors read, a few times a second; absent where it watches none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(required = false, value_type = Option<LiveValuesView>)]
+    pub live: Option<LiveValues>,
 }
 
 pub fn state(state: State) -> &'static str {
@@ -86,6 +85,7 @@ impl Standing {
             failure,
             elsewhere,
             asked,
+            live,
             ..
         } = machine.desk.board();
         let cycles = machine.cycles.iter();
@@ -107,7 +107,7 @@ impl Standing {
             refusal: refusal.map(|why| why.to_string()),
             failure,
             elsewhere,
-            asked: asked.map(Question::from),
+            asked: asked.map(|Asked { step, repeat, text }| Question { step, repeat, text, live }),
             parameters: deviations,
             cycles: cycles.collect(),
         }

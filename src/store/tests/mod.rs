@@ -45,6 +45,7 @@ fn step(id: u32) -> Step {
         scan: None,
         text: None,
         mount: None,
+        watch: Vec::new(),
     }
 }
 

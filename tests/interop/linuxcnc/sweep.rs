@@ -89,6 +89,7 @@ impl Passes {
                     }),
                     text: None,
                     mount: None,
+                    watch: Vec::new(),
                 });
             }
         }

@@ -7,10 +7,11 @@ use serde_json::{Value, json};
 use super::axe;
 use super::browser::Browser;
 
-/// At a desk, and a tablet upright.
-const SIZES: [(&str, [u32; 2]); 2] = [("desktop", [1280, 900]), ("tablet", [820, 1180])];
+/// At a desk, a tablet upright, and a telephone.
+const SIZES: [(&str, [u32; 2]); 3] =
+    [("desktop", [1280, 900]), ("tablet", [820, 1180]), ("telephone", [390, 844])];
 
-/// At both widths, in the light and in the dark: a picture, nothing that axe-core calls serious, nothing
+/// At each width, in the light and in the dark: a picture, nothing that axe-core calls serious, nothing
 /// wider than the screen, no target that a glove misses.
 pub fn at(browser: &Browser, name: &str) {
     for (width, size) in SIZES {

@@ -8,6 +8,7 @@ mod browser;
 mod cycle;
 mod life;
 mod look;
+mod sensors;
 mod states;
 mod webdriver;
 
@@ -32,6 +33,7 @@ pub fn trials() -> Trials {
     trials![Pool::Browser, 30;
         cycle::held_and_signed,
         states::from_afar,
+        sensors::change_while_a_name_is_typed,
         life::stands_still,
         life::slowly,
         states::without_script,

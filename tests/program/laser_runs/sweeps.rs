@@ -62,6 +62,7 @@ fn step(id: u32) -> Step {
         scan: Some(Scan { path, sampling }),
         text: None,
         mount: None,
+        watch: Vec::new(),
     }
 }
 

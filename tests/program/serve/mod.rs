@@ -15,6 +15,7 @@ mod refused_config;
 mod several;
 mod slow;
 mod tokens;
+mod watched;
 
 use crate::support::harness::{Pool, Trials, trials};
 
@@ -47,6 +48,8 @@ pub fn trials() -> Trials {
         prompts::answered,
         prompts::stopped,
         prompts::at_a_terminal,
+        watched::by_programs,
+        watched::at_a_terminal,
         several::bad_files,
         hostile::roles,
         hostile::sessions,

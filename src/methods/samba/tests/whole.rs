@@ -85,6 +85,7 @@ impl World {
                     scan: None,
                     text: None,
                     mount: None,
+                    watch: Vec::new(),
                 });
                 readings.push(Reading {
                     step: id,

@@ -71,6 +71,39 @@ pub struct BudgetView {
     u: f64,
 }
 
+/// What the sensors of a prompt read.
+#[derive(ToSchema)]
+#[schema(as = LiveValues)]
+pub struct LiveValuesView {
+    sensors: Vec<LiveSensorView>,
+    sections: Vec<LiveSectionView>,
+    /// Slope of the line through the centres of two sections along X and Y.
+    tilt_urad: Option<Vec<f64>>,
+}
+
+#[derive(ToSchema)]
+#[schema(as = LiveSensor)]
+pub struct LiveSensorView {
+    sensor: String,
+    /// Least and greatest distance that it measures.
+    range_mm: Vec<f64>,
+    /// Its value once the person has done what the prompt asks for; null where there is none.
+    target_mm: Option<f64>,
+    /// Null: `failure` says why.
+    value_mm: Option<f64>,
+    failure: Option<String>,
+}
+
+/// A section of a round artefact.
+#[derive(ToSchema)]
+#[schema(as = LiveSection)]
+pub struct LiveSectionView {
+    /// From 1.
+    number: usize,
+    /// From the axis to its centre along X and Y; null where its sensors do not determine it.
+    eccentricity_um: Option<Vec<f64>>,
+}
+
 #[derive(ToSchema)]
 #[schema(as = Run)]
 pub struct RunView {

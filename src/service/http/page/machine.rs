@@ -6,7 +6,7 @@ use axum::response::Html;
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
-use super::{address, moment, render, row, schedule, trends, views, whole};
+use super::{address, moment, render, row, schedule, sensors, trends, views, whole};
 use crate::archive::history::history;
 use crate::run::{can_resume, question};
 use crate::service::board::Failure;
@@ -125,6 +125,7 @@ pub fn standing(machine: &Shown) -> Value {
             step => asked.step,
             repeat => asked.repeat,
             text => asked.text.as_str(),
+            live => asked.live.as_ref().map(sensors::values),
         }),
         cycles => cycles.collect::<Vec<_>>(),
         class,

@@ -8,6 +8,7 @@ mod refused;
 mod run;
 mod runs;
 mod schedule;
+mod sensors;
 mod shared;
 mod trends;
 mod views;
@@ -33,7 +34,7 @@ use crate::store::RunSummary;
 
 const SCRIPT: &str = include_str!("../templates/live.js");
 const ICON: &str = include_str!("../templates/icon.svg");
-const TEMPLATES: [(&str, &str); 14] = [
+const TEMPLATES: [(&str, &str); 15] = [
     ("base.html", include_str!("../templates/base.html")),
     ("machines.html", include_str!("../templates/machines.html")),
     ("overview.html", include_str!("../templates/overview.html")),
@@ -41,6 +42,7 @@ const TEMPLATES: [(&str, &str); 14] = [
     ("actions.html", include_str!("../templates/actions.html")),
     ("schedule.html", include_str!("../templates/schedule.html")),
     ("live.html", include_str!("../templates/live.html")),
+    ("sensors.html", include_str!("../templates/sensors.html")),
     ("views.html", include_str!("../templates/views.html")),
     ("runs.html", include_str!("../templates/runs.html")),
     ("runs_table.html", include_str!("../templates/runs_table.html")),
@@ -56,6 +58,7 @@ pub fn routes() -> Router<Web> {
         .route("/machines", get(overview))
         .route("/machines/{name}", get(machine::page))
         .route("/machines/{name}/live", get(machine::live))
+        .route("/machines/{name}/sensors", get(sensors::page))
         .route("/runs", get(runs::page))
         .route("/runs/{run}", get(run::page))
         .route("/runs/{run}/report", get(run::whole))

@@ -5,7 +5,7 @@
   const name = document.title;
   const machine = document.querySelector("h1").textContent;
   // Signs of life come every 5 s; the slow parts are asked for every minute.
-  const SILENT = 10000, SLOW = 60000, STALE = 150000;
+  const SILENT = 10000, SLOW = 60000, STALE = 150000, BESIDE = 2000;
   const away = (is) => {
     document.body.classList.toggle("away", is);
     const glance = events ? live.querySelector(".glance") : null;
@@ -22,20 +22,24 @@
   };
   // Not more often: a small computer answers many pages.
   const rest = (ms) => new Promise((done) => setTimeout(done, ms));
-  let asked = false, again = false;
-  const refresh = async () => {
-    if (asked) { again = true; return; }
-    asked = true;
-    try {
-      live.innerHTML = await text(from);
-      away(false);
-    } catch {
-      away(true);
-    }
-    await rest(250);
-    asked = false;
-    if (again) { again = false; refresh(); }
+  const refresher = (part, from) => {
+    let asked = false, again = false;
+    const refresh = async () => {
+      if (asked) { again = true; return; }
+      asked = true;
+      try {
+        part.innerHTML = await text(from);
+        away(false);
+      } catch {
+        away(true);
+      }
+      await rest(250);
+      asked = false;
+      if (again) { again = false; refresh(); }
+    };
+    return refresh;
   };
+  const refresh = refresher(live, from);
   if (!events) {
     (async () => { for (;;) { await rest(2000); await refresh(); } })();
     return;
@@ -64,6 +68,10 @@
     } catch { /* they go when they are too old */ }
   };
 
+  // While a person is asked the values of sensors change all the time, and the rest rarely.
+  const sensors = document.getElementById("sensors");
+  const refreshSensors = sensors && refresher(sensors, sensors.dataset.from);
+  let refreshed = Date.now();
   let told, heard;
   const listen = () => {
     told?.close();
@@ -72,9 +80,15 @@
     told.addEventListener("standing", (event) => {
       heard = Date.now();
       const now = JSON.parse(event.data);
-      const open = now.asked ? `${now.asked.step}/${now.asked.repeat}` : "";
+      const watched = now.asked?.live ? "/sensors" : "";
+      const open = now.asked ? `${now.asked.step}/${now.asked.repeat}${watched}` : "";
       // Other things can be done now, or are asked: the page is made anew.
       if (now.state !== state || open !== shown) { location.reload(); return; }
+      if (sensors) {
+        refreshSensors();
+        if (!over(refreshed, BESIDE)) return;
+        refreshed = Date.now();
+      }
       refresh();
     });
     told.onerror = () => away(true);

@@ -1,0 +1,74 @@
+//! What the sensors of a prompt read, as lines of a terminal.
+
+use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
+
+/// Characters of a drawn range.
+const BAR: usize = 17;
+
+pub fn lines(values: &LiveValues) -> String {
+    let sensors = values.sensors.iter().map(sensor);
+    let sections = values.sections.iter().map(section);
+    let tilt = values.tilt_urad.map(|[x, y]| format!("  tilt: X {x:+.0} µrad, Y {y:+.0} µrad"));
+    sensors.chain(sections).chain(tilt).collect::<Vec<_>>().join("\n")
+}
+
+fn sensor(live: &LiveSensor) -> String {
+    let value = match (live.value_mm, &live.failure) {
+        (Some(mm), _) => format!("{mm:+.5} mm"),
+        (None, failure) => failure.clone().unwrap_or_default(),
+    };
+    let target = live.target_mm.map_or(String::new(), |mm| format!("target {mm:+.5}"));
+    let to_go = live.to_target_um().map_or(String::new(), |um| format!("to go {um:+.1} µm"));
+    format!("  {:<5} {value:>12}  {target:<15}  {to_go:<16} {}", live.sensor, bar(live))
+}
+
+/// The range from its least to its greatest value: `|` the target, `o` the value.
+fn bar(live: &LiveSensor) -> String {
+    let place = |mm: f64| (live.range_share(mm) * (BAR - 1) as f64).round() as usize;
+    let [target, value] = [live.target_mm, live.value_mm].map(|mm| mm.map(place));
+    let mark = |at: usize| match at {
+        at if value == Some(at) => 'o',
+        at if target == Some(at) => '|',
+        _ => '-',
+    };
+    format!("[{}]", (0..BAR).map(mark).collect::<String>())
+}
+
+fn section(live: &LiveSection) -> String {
+    let at = match live.eccentricity_um {
+        Some([x, y]) => format!("X {x:+.1} µm, Y {y:+.1} µm from the axis"),
+        None => "not known: too few of its sensors measure".to_owned(),
+    };
+    format!("  section {}: {at}", live.number)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn live(value_mm: Option<f64>, target_mm: Option<f64>) -> LiveSensor {
+        let failure = value_mm.is_none().then(|| "out of range".to_owned());
+        LiveSensor { sensor: "x1".to_owned(), range_mm: [-0.3, 0.3], target_mm, value_mm, failure }
+    }
+
+    #[test]
+    fn a_sensor_is_a_line_of_one_width() {
+        let lines = [
+            (
+                live(Some(0.3), Some(0.0)),
+                "  x1     +0.30000 mm  target +0.00000  to go -300.0 µm  [--------|-------o]",
+            ),
+            (
+                live(None, Some(-0.3)),
+                "  x1    out of range  target -0.30000                   [|----------------]",
+            ),
+            (
+                live(Some(-0.15), None),
+                "  x1     -0.15000 mm                                    [----o------------]",
+            ),
+        ];
+        for (live, line) in lines {
+            assert_eq!(sensor(&live), line);
+        }
+    }
+}

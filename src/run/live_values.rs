@@ -1,0 +1,112 @@
+//! What the sensors of a prompt read while a person works at the machine, and the place of the artefact by them.
+//! A sensor that fails here ends nothing: the person may have moved it.
+
+use std::collections::BTreeMap;
+
+use futures_util::future::join_all;
+use nalgebra::{Matrix2, Vector2};
+
+use super::Run;
+use super::watched_sensors::is_distance;
+use machine::record::reading::Flag;
+use machine::record::watch::{LiveSection, LiveSensor, LiveValues, SectionSensor, WatchedSensor};
+
+/// Determinant of the normal equations of an eccentricity: of two sensors the squared sine of the angle between them.
+const MIN_DETERMINANT: f64 = 0.05;
+
+impl Run<'_> {
+    /// The next sample of each of these sensors. Nothing of it is kept.
+    pub(super) async fn live_values(&self, watch: &[WatchedSensor]) -> LiveValues {
+        located(watch, join_all(watch.iter().map(|watched| self.live_sensor(watched))).await)
+    }
+
+    async fn live_sensor(&self, watched: &WatchedSensor) -> LiveSensor {
+        let name = watched.sensor.as_str();
+        let declared = self.plan.sensors.iter().find(|sensor| sensor.name == name);
+        let read = match self.sensor(name) {
+            Ok(sensor) => sensor.current().await.map_err(|error| error.to_string()),
+            Err(error) => Err(error.to_string()),
+        };
+        let read = read.and_then(|sample| match sample.value_mm.filter(|_| is_distance(&sample)) {
+            Some(mm) => Ok(mm),
+            None => Err(describe(sample.flag).to_owned()),
+        });
+        LiveSensor {
+            sensor: name.to_owned(),
+            range_mm: declared.map_or([0.0; 2], |sensor| sensor.range_mm),
+            target_mm: watched.target_mm,
+            value_mm: read.as_ref().ok().copied(),
+            failure: read.err(),
+        }
+    }
+}
+
+fn describe(flag: Flag) -> &'static str {
+    match flag {
+        Flag::Range => "out of range",
+        Flag::Saturated => "saturated",
+        _ => "no signal",
+    }
+}
+
+/// With the place of the artefact.
+pub(super) fn located(watch: &[WatchedSensor], sensors: Vec<LiveSensor>) -> LiveValues {
+    let sections = sections(watch, &sensors);
+    let numbered = |section: &Section| LiveSection {
+        number: section.number,
+        eccentricity_um: section.eccentricity_mm.map(|mm| mm.map(|mm| mm * 1e3)),
+    };
+    let tilt_urad = tilt_urad(&sections);
+    LiveValues { sensors, sections: sections.iter().map(numbered).collect(), tilt_urad }
+}
+
+struct Section {
+    number: usize,
+    z_mm: f64,
+    eccentricity_mm: Option<[f64; 2]>,
+}
+
+/// The sections that `watch` names, in the order of their numbers.
+fn sections(watch: &[WatchedSensor], sensors: &[LiveSensor]) -> Vec<Section> {
+    let mut deviations: BTreeMap<usize, (f64, Vec<Deviation>)> = BTreeMap::new();
+    for (watched, live) in watch.iter().zip(sensors) {
+        let Some(SectionSensor { number, z_mm, angle_deg }) = watched.section else { continue };
+        let (_, of_section) = deviations.entry(number).or_insert((z_mm, Vec::new()));
+        let to_target_mm = live.to_target_um().map(|um| um * 1e-3);
+        let angle_rad = angle_deg.to_radians();
+        of_section.extend(to_target_mm.map(|to_target_mm| Deviation { angle_rad, to_target_mm }));
+    }
+    let section = |(number, (z_mm, of_section)): (usize, (f64, Vec<Deviation>))| {
+        let eccentricity_mm = eccentricity_mm(&of_section);
+        Section { number, z_mm, eccentricity_mm }
+    };
+    deviations.into_iter().map(section).collect()
+}
+
+/// Of one radial sensor.
+struct Deviation {
+    angle_rad: f64,
+    /// Target less value: the eccentricity's component towards the sensor.
+    to_target_mm: f64,
+}
+
+/// By least squares; `None`: fewer than two sensors, or opposite ones.
+fn eccentricity_mm(deviations: &[Deviation]) -> Option<[f64; 2]> {
+    let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+    for Deviation { angle_rad, to_target_mm } in deviations {
+        let towards = Vector2::new(angle_rad.cos(), angle_rad.sin());
+        normal += towards * towards.transpose();
+        right += towards * *to_target_mm;
+    }
+    let is_determined = normal.determinant() > MIN_DETERMINANT;
+    let inverse = normal.try_inverse().filter(|_| is_determined)?;
+    Some((inverse * right).into())
+}
+
+/// Of exactly two sections.
+fn tilt_urad(sections: &[Section]) -> Option<[f64; 2]> {
+    let [low, high] = sections else { return None };
+    let (from, to) = (low.eccentricity_mm?, high.eccentricity_mm?);
+    let slope = |k: usize| (to[k] - from[k]) / (high.z_mm - low.z_mm) * 1e6;
+    Some([slope(0), slope(1)])
+}

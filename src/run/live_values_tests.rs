@@ -1,0 +1,174 @@
+//! Sensors that are read while a run waits for a person: one of them is a sender on a TCP port that fails in each way.
+
+use std::io::Write as _;
+use std::net::{SocketAddr, TcpListener};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use super::live_values::located;
+use super::*;
+use crate::setup::{self, MachineFile, Pace, Past};
+use crate::store::NewRun;
+use machine::record::watch::{LiveSensor, LiveValues, SectionSensor, WatchedSensor};
+
+/// What the sender does.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Signal {
+    Distance,
+    NoEcho,
+    Silent,
+    Closed,
+}
+
+/// A hundred lines a second until it closes.
+fn sender(signal: Arc<Mutex<Signal>>) -> SocketAddr {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = listener.local_addr().unwrap();
+    std::thread::spawn(move || {
+        let (mut stream, _) = listener.accept().unwrap();
+        loop {
+            let line: &[u8] = match *signal.lock().unwrap() {
+                Signal::Distance => b"M0,+0.04000\r\n",
+                Signal::NoEcho => b"M0,-FFFFFFF\r\n",
+                Signal::Silent => b"",
+                Signal::Closed => return,
+            };
+            if stream.write_all(line).is_err() {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    });
+    address
+}
+
+/// The built-in machine with its first sensor on a TCP port.
+fn machine(address: SocketAddr) -> MachineFile {
+    let text = setup::built_in("multiprobe").text;
+    let serial = format!(
+        "[sensor.serial]\ntcp = \"{address}\"\ntimeout_s = 0.3\n[sensor.serial.line]\nend = \"\\r\\n\"\n\
+         separator = \",\"\ncolumns = 2\n\
+         value = {{ column = 2, scale_mm = 1.0, codes = [{{ is = \"-FFFFFFF\", means = \"no-echo\" }}] }}\n"
+    );
+    let simulated = "simulated = { rate_hz = 1000.0 }\n";
+    MachineFile::parse("shop.toml", text.replacen(simulated, &serial, 1)).unwrap()
+}
+
+/// What came of the sender, and what it is to do next.
+fn next_signal(x1: &LiveSensor) -> Option<(Signal, Signal)> {
+    match (x1.value_mm, x1.failure.as_deref()) {
+        (Some(0.04), None) => Some((Signal::Distance, Signal::NoEcho)),
+        (None, Some("out of range")) => Some((Signal::NoEcho, Signal::Silent)),
+        (None, Some("no signal")) => Some((Signal::Silent, Signal::Closed)),
+        (None, Some(_)) => Some((Signal::Closed, Signal::Closed)),
+        _ => None,
+    }
+}
+
+/// The person moves the sensor while the run waits: all that is shown, none of it is kept, and nothing ends but by the
+/// answer. After the answer no sensor is read for display.
+#[tokio::test]
+async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing() {
+    let signal = Arc::new(Mutex::new(Signal::Distance));
+    let file = machine(sender(signal.clone()));
+    let folder = tempfile::tempdir().unwrap();
+    let journal = Journal::open(folder.path()).unwrap();
+    let (method, plan) = setup::header(&file, "multiprobe", None).unwrap();
+    let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
+    let id = journal.begin(&new).await.unwrap();
+    let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
+
+    let (mut told, mut kept, mut seen) = (Vec::<LiveValues>::new(), Vec::new(), Vec::new());
+    let (is_done, is_answered) = (Arc::new(AtomicBool::new(false)), AtomicBool::new(false));
+    let mut tell = |event: &Event| match event {
+        Event::Watched { values } => {
+            assert!(!is_answered.load(Ordering::SeqCst), "read after the answer");
+            if let Some((is, next)) = next_signal(&values.sensors[0]) {
+                *signal.lock().unwrap() = next;
+                is_done.store(is == Signal::Closed, Ordering::SeqCst);
+                seen.extend((seen.last() != Some(&is)).then_some(is));
+            }
+            kept.push(journal.load(id).unwrap().events.len());
+            told.push(values.clone());
+        }
+        Event::Answered { .. } => is_answered.store(true, Ordering::SeqCst),
+        _ => {}
+    };
+    let answers = {
+        let is_done = is_done.clone();
+        Answers::new(move |_| is_done.load(Ordering::SeqCst).then(|| "Ada".to_owned()))
+    };
+    let run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
+    let ended = run.asking(answers).execute().await;
+
+    assert_eq!(seen, [Signal::Distance, Signal::NoEcho, Signal::Silent, Signal::Closed]);
+    assert!(kept.windows(2).all(|pair| pair[0] == pair[1]), "the journal has grown: {kept:?}");
+    // The turn needs the sensor.
+    let failed = ended.unwrap_err();
+    assert!(!failed.is_stop() && failed.to_string().contains("x1"), "{failed}");
+    let stored = journal.load(id).unwrap();
+    assert!(stored.readings.is_empty());
+    let asked = stored.events.iter().filter(|(_, event)| matches!(event, Event::Watched { .. }));
+    assert_eq!(asked.count(), 0);
+    for LiveValues { sensors, sections, tilt_urad } in &told {
+        assert_eq!((sensors.len(), sections.len(), *tilt_urad), (7, 0, None));
+        // The others measure on; at first they are to be set to the middle of their ranges.
+        assert!(sensors[1..].iter().all(|live| live.value_mm.is_some_and(|mm| mm.abs() < 0.3)));
+        assert!(sensors.iter().all(|live| live.target_mm == Some(0.0)));
+    }
+}
+
+/// From a sensor outside a circle of 30 mm to the circle, along the line through the origin.
+fn distance_mm(angle_rad: f64, [x, y]: [f64; 2]) -> f64 {
+    let (sin, cos) = angle_rad.sin_cos();
+    let (along, across) = (x * cos + y * sin, y * cos - x * sin);
+    40.0 - along - (30.0_f64.powi(2) - across * across).sqrt()
+}
+
+/// Targets are distances to the centred circle.
+fn watched(
+    sections_mm: &[(f64, [f64; 2])],
+    angles_deg: &[f64],
+) -> Vec<(WatchedSensor, LiveSensor)> {
+    let numbered = (1..).zip(sections_mm);
+    let all = numbered.flat_map(|section| angles_deg.iter().map(move |angle| (section, *angle)));
+    let one = |((number, (z_mm, at)), angle_deg): ((usize, &(f64, [f64; 2])), f64)| {
+        let target_mm = Some(distance_mm(angle_deg.to_radians(), [0.0; 2]));
+        let section = Some(SectionSensor { number, z_mm: *z_mm, angle_deg });
+        let sensor = format!("{number}/{angle_deg}");
+        let (range_mm, failure) = ([9.0, 11.0], None);
+        let value_mm = Some(distance_mm(angle_deg.to_radians(), *at));
+        let live = LiveSensor { sensor: sensor.clone(), range_mm, target_mm, value_mm, failure };
+        (WatchedSensor { sensor, target_mm, section }, live)
+    };
+    all.map(one).collect()
+}
+
+#[test]
+fn eccentricity_and_tilt_are_those_of_displaced_circles() {
+    let truth = [(60.0, [0.020, -0.035]), (120.0, [0.050, -0.005])];
+    for angles_deg in [&[0.0, 90.0, 230.0][..], &[10.0, 95.0]] {
+        let (watch, live): (Vec<_>, Vec<_>) = watched(&truth, angles_deg).into_iter().unzip();
+        let LiveValues { sections, tilt_urad, .. } = located(&watch, live);
+        for (section, (_, truly_mm)) in sections.iter().zip(truth) {
+            let found = section.eccentricity_um.unwrap();
+            let off = [0, 1].map(|k| (found[k] - truly_mm[k] * 1e3).abs());
+            assert!(off.iter().all(|off| *off < 0.1), "{found:?}, truly {truly_mm:?}");
+        }
+        let tilt = tilt_urad.unwrap();
+        assert!(tilt.iter().all(|slope| (slope - 500.0).abs() < 2.0), "{tilt:?}");
+    }
+}
+
+#[test]
+fn a_section_with_too_few_sensors_has_no_eccentricity() {
+    let truth = [(60.0, [0.020, -0.035]), (120.0, [0.050, -0.005])];
+    let (watch, mut live): (Vec<_>, Vec<_>) =
+        watched(&truth, &[0.0, 90.0, 180.0]).into_iter().unzip();
+    // What is left of the second section are two opposite sensors.
+    live[4].value_mm = None;
+    let LiveValues { sections, tilt_urad, .. } = located(&watch, live);
+    assert!(sections[0].eccentricity_um.is_some());
+    assert_eq!((sections[1].eccentricity_um, tilt_urad), (None, None));
+}

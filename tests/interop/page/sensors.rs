@@ -1,0 +1,40 @@
+//! The page while a person sets up sensors: their values change under what is typed.
+
+use super::browser::Browser;
+use super::cycle::address;
+use super::look;
+use crate::support::http::HTTP;
+use crate::support::machine_shop::MachineShop;
+
+/// The artefact is off by 0.12 mm: the second prompt has targets.
+fn shop() -> MachineShop {
+    let file = include_str!("../../../config/multiprobe.toml");
+    let cycle =
+        "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
+    let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP}"));
+    shop.change("centre_offset_mm = [0.008, -0.005]", "centre_offset_mm = [0.120, 0.050]");
+    shop
+}
+
+pub fn change_while_a_name_is_typed() {
+    let (browser, shop) = (Browser::open(), shop());
+    let daemon = shop.serve("fast");
+    browser.client.goto(&address(&daemon)).unwrap();
+    browser.send("/start", &[("who", "Ada")]);
+    browser.until("#sensors", |text| text.contains("r2"));
+    look::at(&browser, "sensors");
+    browser.send("/answer", &[("who", "Ada")]);
+    let seen = browser.until("#sensors", |text| text.contains("tilt"));
+    assert!(seen.contains("section 2") && seen.contains("z1"), "{seen}");
+    // Values differ from look to look; the page is the same one, and what is typed stays.
+    browser.client.execute("window.untouched = true", &[]).unwrap();
+    browser.find("form[action$='/answer'] [name=who]").send_keys("Lise").unwrap();
+    let first = browser.text("#sensors");
+    let second = browser.until("#sensors", |text| text != first && text.contains("tilt"));
+    browser.until("#sensors", |text| text != second && text.contains("tilt"));
+    let kept = "return [window.untouched, document.querySelector('#asked [name=who]').value]";
+    let kept = browser.client.execute(kept, &[]).unwrap();
+    assert_eq!(kept, serde_json::json!([true, "Lise"]));
+    look::at(&browser, "centring");
+    assert_eq!(browser.console(), Vec::<String>::new());
+}

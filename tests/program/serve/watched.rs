@@ -1,0 +1,109 @@
+//! A run that waits for a person shows what its sensors read: to programs, on the page and at a terminal.
+
+use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::support::http::{HTTP, MACHINE, start_request};
+use crate::support::machine_shop::MachineShop;
+
+/// Enough to see that nothing grows.
+const VALUES: usize = 6;
+
+/// The built-in machine with sensors, under the name that the client knows.
+fn shop() -> MachineShop {
+    let file = include_str!("../../../config/multiprobe.toml");
+    let cycle =
+        "[serve]\nmin_interval_s = 0.0\n[[serve.cycle]]\nnumber = 1\nmethod = \"multiprobe\"\n";
+    let shop = MachineShop::new(&format!("{file}\n{cycle}{HTTP}"));
+    shop.change("simulated machine with sensors about its table", "simulated five-axis machine");
+    shop
+}
+
+/// Bytes of all files of the state folder.
+fn stored(folder: &Path) -> u64 {
+    let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().metadata().unwrap());
+    files.filter(|about| about.is_file()).map(|about| about.len()).sum()
+}
+
+/// Programs and the page get new values all the time; journal and log do not.
+pub fn by_programs() {
+    let shop = shop();
+    let daemon = shop.serve("fast");
+    let http = daemon.http();
+    assert_eq!(http.post("start", &start_request()).0, 202);
+    let asked = http.wait_until(|machine| machine["asked"]["live"].is_object());
+    let (live, log) = (&asked["asked"]["live"], daemon.log());
+    let names: Vec<&Value> =
+        live["sensors"].as_array().unwrap().iter().map(|one| &one["sensor"]).collect();
+    assert_eq!(names, ["x1", "y1", "r1", "x2", "y2", "r2", "z1"]);
+    for sensor in live["sensors"].as_array().unwrap() {
+        assert_eq!((&sensor["target_mm"], &sensor["failure"]), (&json!(0.0), &Value::Null));
+        assert!(sensor["value_mm"].as_f64().unwrap().abs() < 0.3, "{sensor}");
+    }
+    let page = http.text(&MACHINE[7..]);
+    assert!(
+        page.contains("<th scope=\"row\">r2</th>") && page.contains("% of -0.3 to 0.3 mm"),
+        "{page}"
+    );
+    let part = http.text(&format!("{}/sensors", &MACHINE[7..]));
+    assert!(part.contains("<th scope=\"row\">z1</th>") && !part.contains("<html"), "{part}");
+
+    let bytes = stored(&shop.state());
+    let (mut stream, at) = (http.connect(), http.port);
+    write!(stream, "GET {MACHINE}/events HTTP/1.1\r\nHost: localhost:{at}\r\n\r\n").unwrap();
+    let lines = BufReader::new(stream).lines().map(Result::unwrap);
+    let data = lines.filter_map(|line| line.strip_prefix("data: ").map(str::to_owned));
+    let values = data.map(|data| {
+        let standing: Value = serde_json::from_str(&data).unwrap();
+        standing["asked"]["live"]["sensors"][0]["value_mm"].as_f64().unwrap()
+    });
+    let mut values: Vec<f64> = values.take(VALUES).collect();
+    values.sort_by(f64::total_cmp);
+    values.dedup();
+    assert!(values.len() > VALUES / 2, "{values:?}");
+    assert_eq!((stored(&shop.state()), daemon.log()), (bytes, log));
+    assert_eq!(http.post("hold", &json!({})).0, 202);
+    let held = http.wait_for_state("held");
+    assert_eq!(held["asked"], Value::Null);
+}
+
+/// Alone, and where a daemon has the machine.
+pub fn at_a_terminal() {
+    let shop = shop();
+    interrupted(&shop);
+    assert_eq!(shop.states(), ["held"]);
+    let shop = self::shop();
+    let daemon = shop.serve("fast");
+    interrupted(&shop);
+    daemon.http().wait_for_state("held");
+}
+
+/// Ctrl-C holds the run once values have been shown several times.
+fn interrupted(shop: &MachineShop) {
+    let machine = shop.machine();
+    let command =
+        shop.command(&["run", "multiprobe", "--machine", &machine, "--acknowledge", "Ada"]);
+    let words = [command.get_program()].into_iter().chain(command.get_args());
+    let words: Vec<String> = words.map(|word| format!("'{}'", word.to_string_lossy())).collect();
+    let mut script = Command::new("script");
+    script.args(["--quiet", "--return", "--command", &words.join(" "), "/dev/null"]);
+    let mut child = script.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+    let mut keys = child.stdin.take().unwrap();
+    let mut shown = child.stdout.take().unwrap();
+    let (mut seen, mut is_stopped, started) = (String::new(), false, Instant::now());
+    let mut some = [0; 4096];
+    while let Ok(count @ 1..) = shown.read(&mut some) {
+        seen.push_str(&String::from_utf8_lossy(&some[..count]));
+        if !is_stopped && seen.matches("  r2 ").count() > VALUES {
+            is_stopped = true;
+            keys.write_all(b"\x03").unwrap();
+        }
+        assert!(started.elapsed() < Duration::from_secs(120), "{seen}");
+    }
+    assert_eq!(child.wait().unwrap().code(), Some(5), "{seen}");
+    assert!(seen.contains("press Enter") && seen.contains("target +0.00000"), "{seen}");
+}
