@@ -33,15 +33,14 @@ pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
     let turn = turn_deg(setup)?;
     let (name, steps) = match (rounds, mounted, &off) {
         (0, _, _) => {
-            let watch = setup.plan.sensors.iter().map(WatchedSensor::at_mid_range).collect();
-            let prompt = Step { watch, ..Step::prompt("centre/1".to_owned(), first_text(setup)?) };
-            ("centring".to_owned(), vec![prompt, centring_turn(setup, &turn, 1)])
+            let steps = vec![first_prompt(setup)?, centring_turn(setup, &turn, 1)];
+            ("centring".to_owned(), steps)
         }
         (rounds, 0, Some(off)) if rounds < MAX_CENTRING_ROUNDS => {
-            let round = rounds + 1;
-            let prompt = Step::prompt(format!("centre/{round}"), off.text(setup));
+            let prompt = Step::prompt(format!("centre/{}", rounds + 1), off.text(setup));
             let prompt = Step { watch: off.watch(setup), ..prompt };
-            ("centring, once more".to_owned(), vec![prompt, centring_turn(setup, &turn, round)])
+            let steps = vec![prompt, centring_turn(setup, &turn, rounds + 1)];
+            ("centring, once more".to_owned(), steps)
         }
         (_, 0, Some(_)) => {
             return Err(Refused::new(
@@ -58,15 +57,17 @@ pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
     Ok(Next::new_steps(setup.plan, done, name, steps))
 }
 
-fn first_text(setup: &Setup<'_>) -> Result<String, Refused> {
+fn first_prompt(setup: &Setup<'_>) -> Result<Step, Refused> {
     let names: Vec<&str> = setup.plan.sensors.iter().map(|sensor| sensor.name.as_str()).collect();
-    Ok(format!(
+    let text = format!(
         "Mount the datum cylinder at 0° of its indexing stage and centre it by hand. Set the sensors ({}) to the \
          middle of their ranges. All axes will go to where `at` states them (rotary axes to 0° where it does not), then \
          the table turns once.{}",
         names.join(", "),
         weak_points(&setup.layout, setup.settings.harmonics, &setup.settings.exclusions())?
-    ))
+    );
+    let watch = setup.plan.sensors.iter().map(WatchedSensor::at_mid_range).collect();
+    Ok(Step { watch, ..Step::prompt("centre/1".to_owned(), text) })
 }
 
 /// One revolution in few stops.

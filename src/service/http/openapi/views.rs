@@ -204,6 +204,7 @@ mod tests {
     use crate::archive::compare::Comparison;
     use crate::store::{Audit, Audited, RunId, RunState, RunSummary};
     use machine::record::estimate::{BudgetLine, EvaluationType, Parameter, Unit, Verdict};
+    use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
     use methods::decision::difference::Difference;
     use methods::decision::function_difference::FunctionDifference;
 
@@ -301,6 +302,14 @@ mod tests {
         same::<BudgetView>(&parameter.budget[0]);
         same::<ParameterView>(parameter);
         same::<RunView>(summary());
+        let section = LiveSection { number: 1, eccentricity_um: Some([0.5; 2]) };
+        same::<LiveSectionView>(section);
+        let (range_mm, target_mm, value_mm, failure) = ([-0.3, 0.3], Some(0.0), Some(0.1), None);
+        let sensor = String::new();
+        let live = LiveSensor { sensor, range_mm, target_mm, value_mm, failure };
+        same::<LiveSensorView>(&live);
+        let (sensors, sections) = (vec![live], vec![section]);
+        same::<LiveValuesView>(LiveValues { sensors, sections, tilt_urad: None });
         let text = String::new;
         let (who, what, why, machine, outcome) = (text(), text(), text(), text(), text());
         let audit = Audit { who, what, why, machine, run: 1, outcome };
