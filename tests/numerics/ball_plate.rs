@@ -263,8 +263,7 @@ fn sub_harmonics_are_drawn_over_all_revolutions() {
     assert!(mean(rig.covered(&estimate).into_iter()) > 0.9);
 }
 
-/// The largest U of each curve that a run then states is the one foretold. Drift that no polynomial takes makes half of
-/// it in the second world.
+/// The largest U of each curve, against that of a run. In the second world most of it is drift.
 #[test]
 fn u_is_foretold_before_motion() {
     let drift = vec![
@@ -287,8 +286,7 @@ fn u_is_foretold_before_motion() {
     }
 }
 
-/// On balls at equal angles the four steps of paper 5 say the same; staggered balls and missing visits are no case for
-/// them.
+/// The four steps of paper 5 need balls at equal angles and complete visits.
 #[test]
 fn least_squares_is_compared_with_the_four_steps() {
     let line = |rig: &Rig, missing: f64| {
@@ -306,8 +304,7 @@ fn least_squares_is_compared_with_the_four_steps() {
     assert!(line(&Rig::new(small()), 0.0).contains("they need balls at equal angles"));
 }
 
-/// A motion of the period of two revolutions, which the harmonics do not hold: between the revolutions it changes its
-/// sign. A polynomial in time would take most of it.
+/// A motion of the period of two revolutions changes its sign between them. Drift terms would take most of it.
 #[test]
 fn single_revolutions_show_what_does_not_repeat() {
     let motion: Table = "axis = 'C'\nlinear_um = 5.0\nsub_harmonics = 2".parse().unwrap();
