@@ -23,6 +23,8 @@ const COUNT_AT_ZERO: i64 = 1_000;
 const LINE_ROUND: u32 = 10_000;
 /// Between two lines, simulated time and true time.
 const PERIOD_S: f64 = 4e-3;
+/// While C turns, a line each time that it has turned so far.
+const TRIGGER_DEG: f64 = 0.25;
 const LINES_AT_ONCE: usize = 40;
 /// So the reader keeps up.
 const PAUSE: Duration = Duration::from_millis(4);
@@ -97,10 +99,10 @@ impl<D: AsyncWriteExt + Unpin> Sender<D> {
             let now_s = self.world.lock().unwrap().time_s();
             while all.len() < LINES_AT_ONCE && self.sent_s + PERIOD_S <= now_s {
                 self.sent_s += PERIOD_S;
-                let before = self.c;
-                let measured = self.measured(self.sent_s);
-                if self.c != before {
-                    all.push(measured);
+                let at = self.world.lock().unwrap().sensed_at(SENSORS[0], self.sent_s).unwrap();
+                let turned = at.position.at(Axis::C) - self.c;
+                if turned.abs().to_degrees() >= TRIGGER_DEG {
+                    all.push(self.measured(self.sent_s));
                 }
             }
             if all.is_empty() {

@@ -44,7 +44,7 @@ pub fn trials() -> Trials {
 /// What is in the machine file in place of the line `simulated = ..` of the first sensors.
 fn channel(path: &str, column: usize) -> String {
     format!(
-        "serial = {{ serial = \"{path}\", line = {{ separator = \",\", columns = 5, \
+        "serial = {{ serial = \"{path}\", timeout_s = 5.0, line = {{ separator = \",\", columns = 5, \
          value = {{ column = {column}, scale_mm = 1.0, codes = [{{ is = \"OUT\", means = \"range\" }}] }}, \
          encoder_count = {{ column = 4, round = {COUNT_ROUND} }}, \
          counter = {{ column = 5, round = 10000 }} }} }}"
