@@ -76,10 +76,10 @@ pub fn estimate(
     estimate.functions.extend(noise_gains(&setup));
     estimate.functions.push(separated.fit.residuals());
     estimate.functions.extend(stability(&setup, &observed.rows));
-    let mut gauge = vec![separated.gauge.clone()];
+    let mut gauge = vec![motions.gauge.clone()];
     let is_resampled = settings.sampling == TurnSampling::Continuous;
     gauge.extend(is_resampled.then(|| ResampleFilter::new(settings.positions).to_string()));
-    let mut not_identifiable = separated.not_identifiable.clone();
+    let mut not_identifiable = motions.not_identifiable();
     let positions = settings.positions;
     not_identifiable.extend((!is_resampled).then(|| {
         let half = positions / 2;

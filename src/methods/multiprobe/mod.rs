@@ -96,10 +96,6 @@ impl Method for Multiprobe {
 struct Separated {
     pub identification: Identification,
     pub fit: SeparationFit,
-    /// Fixed by convention.
-    pub gauge: String,
-    /// Harmonics that are not reported, and the combinations of unknowns that the rows do not separate.
-    pub not_identifiable: Vec<String>,
 }
 
 /// Separates motion and artefact. Values by ISO 230-7 and roundness have an uncertainty only with
@@ -119,12 +115,8 @@ fn identify(
     // The values by ISO 230-7 and the roundness have their uncertainty from the trials.
     let nonlinear = motions.ranges(sampling);
     let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
-    let lost = fit.blocks.iter().flat_map(|harmonic| harmonic.lost.clone());
-    let not_identifiable: Vec<String> =
-        motions.not_identifiable().into_iter().chain(lost).collect();
-    let gauge = motions.gauge.clone();
     let sources = sources(layout, data, &fit, sizes);
     let identification =
         crate::identification::identify(&fit.solution(), &sources, outputs, trials)?;
-    Ok(Separated { identification, fit, gauge, not_identifiable })
+    Ok(Separated { identification, fit })
 }

@@ -46,7 +46,7 @@ impl<'a> ReportedMotions<'a> {
         Self { layout, fit, parts: components.map(of).collect(), gauge }
     }
 
-    /// Symbols and harmonics that the rows do not determine.
+    /// Harmonics that are not reported, and the combinations of unknowns that the rows do not separate.
     pub fn not_identifiable(&self) -> Vec<String> {
         let of = |(component, parts): &(Component, Vec<Option<Parts>>)| {
             let lost = parts.iter().zip(1..).filter(|(parts, _)| parts.is_none());
@@ -55,7 +55,8 @@ impl<'a> ReportedMotions<'a> {
             };
             lost.map(name).collect::<Vec<String>>()
         };
-        self.parts.iter().flat_map(of).collect()
+        let combinations = self.fit.blocks.iter().flat_map(|harmonic| harmonic.lost.clone());
+        self.parts.iter().flat_map(of).chain(combinations).collect()
     }
 
     /// Whether a harmonic from 1 on is identifiable.

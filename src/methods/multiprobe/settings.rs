@@ -14,7 +14,7 @@ pub enum TurnSampling {
     /// The table stops at each of `positions` angles.
     #[default]
     Dwell,
-    /// It turns without a stop; the control must stamp positions.
+    /// It turns without a stop; the control stamps positions, or the samples carry the count of an encoder.
     Continuous,
 }
 

@@ -114,22 +114,17 @@ fn stands(plan: &Plan, settings: &Settings, table: &TableAxis) -> Result<Positio
     let stray = settings.at.iter().find(|(axis, _)| *axis == table.axis);
     let linear = plan.machine.axes.keys().filter(|axis| axis.is_linear());
     let missing = linear.into_iter().find(|axis| settings.at.get(**axis).is_none());
-    match (stray, missing) {
-        (Some((axis, _)), _) => Err(Refused::new(
-            format!("`at` names {axis}, the axis that is measured"),
-            format!("take {axis} out of `at`"),
-        )),
-        (None, Some(axis)) => Err(Refused::new(
-            format!("`at` does not name {axis}"),
-            format!(
-                "move the machine to where the sensors look at the sections, and state {axis} of the \
-                 display in [method.{}] at",
-                super::NAME
-            ),
-        )),
-        (None, None) => {
-            let zero = table.zero.only(|axis| axis != Axis::S);
-            Ok(zero.updated_by(&settings.at))
-        }
+    if let Some((axis, _)) = stray {
+        let why = format!("`at` names {axis}, the axis that is measured");
+        return Err(Refused::new(why, format!("take {axis} out of `at`")));
     }
+    if let Some(axis) = missing {
+        let instead = format!(
+            "move the machine to where the sensors look at the sections, and state {axis} of the display in \
+             [method.{}] at",
+            super::NAME
+        );
+        return Err(Refused::new(format!("`at` does not name {axis}"), instead));
+    }
+    Ok(table.zero.only(|axis| axis != Axis::S).updated_by(&settings.at))
 }

@@ -34,43 +34,45 @@ pub struct SourceSizes {
     pub linearity: Vec<Vec<f64>>,
 }
 
-/// A quantity of the layout that is not exactly known.
-#[derive(Debug, Clone, Copy)]
-enum LayoutError {
-    ChannelAngle(usize),
-    IndexAngle(usize),
-    SectionDistance,
-    FaceRadius,
+/// Changes a quantity of the layout that is not exactly known, by mm or rad.
+type Change = Box<dyn Fn(&mut ProbeLayout, f64)>;
+
+fn channel_angle(channel: usize) -> Change {
+    Box::new(move |layout, by| layout.channels[channel].angle_rad += by)
 }
 
-impl LayoutError {
-    /// Changes the quantity by `change`, mm or rad.
-    fn apply(self, layout: &mut ProbeLayout, change: f64) {
-        match self {
-            Self::ChannelAngle(channel) => layout.channels[channel].angle_rad += change,
-            Self::IndexAngle(index) => layout.index_angles_rad[index] += change,
-            Self::SectionDistance => {
-                layout.section_z_mm.get_mut(1).into_iter().for_each(|z_mm| *z_mm += change);
-            }
-            Self::FaceRadius => {
-                for channel in &mut layout.channels {
-                    if let Surface::Face { radius_mm } = &mut channel.surface {
-                        *radius_mm += change;
-                    }
-                }
+fn index_angle(index: usize) -> Change {
+    Box::new(move |layout, by| layout.index_angles_rad[index] += by)
+}
+
+fn section_distance() -> Change {
+    Box::new(|layout, by| layout.section_z_mm.iter_mut().skip(1).for_each(|z_mm| *z_mm += by))
+}
+
+fn face_radius() -> Change {
+    Box::new(|layout, by| {
+        for channel in &mut layout.channels {
+            if let Surface::Face { radius_mm } = &mut channel.surface {
+                *radius_mm += by;
             }
         }
-    }
+    })
+}
 
-    /// Effect of the standard uncertainty `u` on all observations, mm.
-    fn column(self, u: f64, layout: &ProbeLayout, rows: &[Row], fit: &SeparationFit) -> Vec<f64> {
-        let predicted = |change: f64| {
-            let mut changed = layout.clone();
-            self.apply(&mut changed, change);
-            fit.predicted(&changed, rows)
-        };
-        predicted(u).iter().zip(predicted(-u)).map(|(up, down)| (up - down) / 2.0).collect()
-    }
+/// Effect of the standard uncertainty `u` on all observations, mm.
+fn effect(
+    change: &Change,
+    u: f64,
+    layout: &ProbeLayout,
+    rows: &[Row],
+    fit: &SeparationFit,
+) -> Vec<f64> {
+    let predicted = |by: f64| {
+        let mut changed = layout.clone();
+        change(&mut changed, by);
+        fit.predicted(&changed, rows)
+    };
+    predicted(u).iter().zip(predicted(-u)).map(|(up, down)| (up - down) / 2.0).collect()
 }
 
 /// In the order of the budget, without those that change nothing.
@@ -82,16 +84,16 @@ pub fn sources(
 ) -> Vec<UncertaintySource> {
     // The first mounting defines the angle of the artefact.
     let indexes = 1..layout.index_angles_rad.len();
-    let errors: [(&str, f64, Vec<LayoutError>); 3] = [
-        ("index angle", sizes.index_angle_rad, indexes.map(LayoutError::IndexAngle).collect()),
-        ("section distance", sizes.section_distance_mm, vec![LayoutError::SectionDistance]),
-        ("face radius", sizes.face_radius_mm, vec![LayoutError::FaceRadius]),
+    let errors: [(&str, f64, Vec<Change>); 3] = [
+        ("index angle", sizes.index_angle_rad, indexes.map(index_angle).collect()),
+        ("section distance", sizes.section_distance_mm, vec![section_distance()]),
+        ("face radius", sizes.face_radius_mm, vec![face_radius()]),
     ];
     let of_sensors = sensor_errors(layout, data, fit, sizes);
     let mut all =
         vec![noise(data, fit), fit.declared_source("gain and angle of the sensors", of_sensors)];
     for (name, u, errors) in errors {
-        let columns = errors.iter().map(|error| error.column(u, layout, &data.rows, fit));
+        let columns = errors.iter().map(|change| effect(change, u, layout, &data.rows, fit));
         all.push(fit.declared_source(name, columns.collect()));
     }
     all.push(fit.declared_source("linearity of the sensors", sizes.linearity.clone()));
@@ -119,9 +121,8 @@ fn sensor_errors(
     let channels = 0..count;
     let gains = channels.clone().map(|channel| gain_effect(data, channel));
     let angle = |channel| {
-        let column =
-            LayoutError::ChannelAngle(channel).column(SMALL_ANGLE_RAD, layout, &data.rows, fit);
-        column.into_iter().map(|effect| effect / SMALL_ANGLE_RAD).collect()
+        let moved = effect(&channel_angle(channel), SMALL_ANGLE_RAD, layout, &data.rows, fit);
+        moved.into_iter().map(|effect| effect / SMALL_ANGLE_RAD).collect()
     };
     let effects: Vec<Vec<f64>> = gains.chain(channels.map(angle)).collect();
     let declared = |i: usize| if i < count { sizes.gain } else { sizes.channel_angle_rad };

@@ -216,8 +216,15 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
         1,
     );
     let separated = identified(&layout, &measured, &exact());
-    assert!(separated.gauge.contains("(EXC, EYC) and (EAC, EBC)"), "{}", separated.gauge);
-    assert_eq!(separated.not_identifiable[..2], ["EZC harmonic 3", "F harmonic 3"]);
+    assert!(
+        ReportedMotions::new(&layout, &separated.fit).gauge.contains("(EXC, EYC) and (EAC, EBC)"),
+        "{}",
+        ReportedMotions::new(&layout, &separated.fit).gauge
+    );
+    assert_eq!(
+        ReportedMotions::new(&layout, &separated.fit).not_identifiable()[..2],
+        ["EZC harmonic 3", "F harmonic 3"]
+    );
     let outputs = &separated.identification.outputs;
     let value = |symbol: &str| {
         outputs.all_parameters().find(|output| output.symbol == symbol).map(|output| output.value)
@@ -320,12 +327,16 @@ fn regress_multiprobe_alone_reports_four_motions() {
     assert!(outputs.all_parameters().all(|output| !output.symbol.starts_with("EZC")));
     assert!(outputs.curves.iter().all(|curve| curve.symbol != "EZC"));
     assert_eq!(outputs.curves.len(), 6);
-    let lost = &separated.not_identifiable;
+    let lost = &ReportedMotions::new(&layout, &separated.fit).not_identifiable();
     println!("{lost:?}");
     assert!(
         lost.contains(&"EZC harmonic 2".to_owned()) && lost.contains(&"R1 harmonic 1".to_owned())
     );
-    assert!(separated.gauge.contains("(EXC, EYC) and (EAC, EBC)"), "{}", separated.gauge);
+    assert!(
+        ReportedMotions::new(&layout, &separated.fit).gauge.contains("(EXC, EYC) and (EAC, EBC)"),
+        "{}",
+        ReportedMotions::new(&layout, &separated.fit).gauge
+    );
     let all = outputs.all_parameters();
     let of_x: Vec<f64> = all.filter(|o| o.symbol == "EXC_c2").map(|o| o.value).collect();
     assert!((of_x[0] - world.x[1].a).abs() < 1e-6);
