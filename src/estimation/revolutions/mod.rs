@@ -5,6 +5,7 @@
 mod calibration;
 mod clock;
 mod common;
+mod drift;
 mod filter;
 mod harmonics;
 mod resample;

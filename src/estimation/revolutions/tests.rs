@@ -217,3 +217,33 @@ fn regress_gains_and_angles_from_the_eccentricity() {
         assert!((0.8..1.25).contains(&all) && (0.75..1.3).contains(&differences));
     }
 }
+
+/// The scatter of revolutions in both directions is that of their noise alone, and their mean stays.
+#[test]
+fn regress_a_constant_drift_is_no_scatter() {
+    const COUNT: usize = 36;
+    let noise = Random::of(3, &[8]).units(40 * 4 * COUNT, &[Shape::Normal]);
+    let mut noise = noise.iter();
+    let mut row = |index: usize| {
+        let revolution = |r: usize, noise: &mut std::slice::Iter<'_, f64>| -> Vec<f64> {
+            let value = |j: usize| {
+                let passed = if r < 2 { r * COUNT + j } else { (r + 1) * COUNT - 1 - j };
+                0.05 * passed as f64 + noise.next().unwrap()
+            };
+            (0..COUNT).map(value).collect()
+        };
+        let revolutions = (0..4).map(|r| revolution(r, &mut noise)).collect();
+        RowRevolutions { row: Row { index, channel: 0 }, revolutions }
+    };
+    let rows: Vec<RowRevolutions> = (0..40).map(&mut row).collect();
+    let corrected: Vec<RowRevolutions> = rows.iter().map(|row| row.without_drift(2)).collect();
+    let [before, after] =
+        [&rows, &corrected].map(|rows| HarmonicData::from_revolutions(rows, 5).unwrap());
+    let difference = before.means.iter().flatten().zip(after.means.iter().flatten());
+    assert!(difference.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) < 1e-12);
+    // Of one revolution: 2σ²/T.
+    let [with, without] =
+        [&before, &after].map(|data| data.scatters[0].covariance[(0, 0)] * COUNT as f64 / 2.0);
+    println!("variance with drift {with:.3}, without {without:.3}");
+    assert!(with > 1.3 && (0.8..1.2).contains(&without), "{with} {without}");
+}

@@ -15,7 +15,7 @@ use crate::identification::declared::{drift_mm_per_s, linearity_of_revolutions};
 use crate::identification::{MisfitAdvice, TrialPlan, numbered_values, order_values};
 use crate::{IdentifyError, Refused};
 use estimation::monte_carlo::Trials;
-use estimation::revolutions::{HarmonicData, ResampleFilter, RowRevolutions};
+use estimation::revolutions::{HarmonicData, ResampleFilter, RevolutionsError, RowRevolutions};
 
 use machine::record::estimate::{Estimate, Function, Unit};
 use machine::record::plan::Plan;
@@ -50,7 +50,7 @@ pub fn estimate(
     }
     let mut sizes = settings.source_sizes(drift_mm_per_s(plan), observed.revolution_s);
     let index_warning = check_rows(&setup, &sizes, &mut observed)?;
-    let data = HarmonicData::from_revolutions(&observed.rows, settings.harmonics)?;
+    let data = harmonic_data(settings, &observed.rows)?;
     let calibration = calibration::calibrate(&setup.layout, settings, &data)?;
     calibration::correct_rows(&calibration, &mut observed.rows);
     calibration::correct_rows(&calibration, &mut observed.forward);
@@ -93,6 +93,15 @@ pub fn estimate(
     })
 }
 
+fn harmonic_data(
+    settings: &Settings,
+    rows: &[RowRevolutions],
+) -> Result<HarmonicData, RevolutionsError> {
+    let directions = if settings.both_directions { 2 } else { 1 };
+    let steady = |row: &RowRevolutions| row.without_drift(row.revolutions.len() / directions);
+    HarmonicData::from_revolutions(&rows.iter().map(steady).collect::<Vec<_>>(), settings.harmonics)
+}
+
 /// `sizes`: without the linearity of the sensors, which depends on the rows.
 fn separate(
     setup: &Setup<'_>,
@@ -100,7 +109,7 @@ fn separate(
     sizes: &SourceSizes,
     trials: Option<TrialPlan>,
 ) -> Result<(HarmonicData, Separated), IdentifyError> {
-    let data = HarmonicData::from_revolutions(rows, setup.settings.harmonics)?;
+    let data = harmonic_data(setup.settings, rows)?;
     let linearity = linearity_of_revolutions(&setup.plan.sensors, rows, &data);
     let sizes = SourceSizes { linearity, ..sizes.clone() };
     let separated = identify(&setup.layout, &data, &sizes, setup.settings.sampling, trials)?;

@@ -163,7 +163,7 @@ impl Settings {
 
     /// `drift_mm_per_s`: of the artefact against the sensors.
     pub fn source_sizes(&self, drift_mm_per_s: f64, revolution_s: f64) -> SourceSizes {
-        // Turns in both directions cancel a constant rate; what is left is in their scatter.
+        // Turns in both directions cancel a constant rate; what is not constant is in their scatter.
         let net = if self.both_directions { 0.0 } else { drift_mm_per_s * revolution_s };
         SourceSizes {
             gain: self.u_gain,

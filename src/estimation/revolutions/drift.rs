@@ -1,0 +1,37 @@
+//! A constant drift between the revolutions of a channel.
+
+use super::common::RowRevolutions;
+
+impl RowRevolutions {
+    /// Without a deviation that grows evenly with time. The revolutions follow each other and last equally long, the
+    /// first `forward` of them in the sense of the angle, the others against it. The mean over the revolutions at
+    /// each angle stays as it is: it is free of the drift where as many turn forward as backward, and then the drift
+    /// is no part of its scatter.
+    pub fn without_drift(&self, forward: usize) -> Self {
+        let count = self.revolutions.len();
+        let samples = self.revolutions.first().map_or(0, Vec::len);
+        let time = |r: usize, j: usize| {
+            (r * samples + if r < forward { j } else { samples - 1 - j }) as f64
+        };
+        let mean = |of: &dyn Fn(usize) -> f64| (0..count).map(of).sum::<f64>() / count as f64;
+        let mut corrected = self.clone();
+        let (mut products, mut squares) = (0.0, 0.0);
+        for j in 0..samples {
+            let (mean_time, mean_value) =
+                (mean(&|r| time(r, j)), mean(&|r| self.revolutions[r][j]));
+            for r in 0..count {
+                let (after, by) = (time(r, j) - mean_time, self.revolutions[r][j] - mean_value);
+                products += after * by;
+                squares += after * after;
+            }
+        }
+        let rate = if squares > 0.0 { products / squares } else { 0.0 };
+        for j in 0..samples {
+            let mean_time = mean(&|r| time(r, j));
+            for r in 0..count {
+                corrected.revolutions[r][j] -= rate * (time(r, j) - mean_time);
+            }
+        }
+        corrected
+    }
+}
