@@ -31,8 +31,15 @@ impl Drop for Driver {
     }
 }
 
+/// The driver takes a free port of IPv4, and ends where another process has the same one of IPv6.
+const STARTS: usize = 5;
+
 impl Driver {
     pub fn start() -> Self {
+        (0..STARTS).find_map(|_| Self::started()).expect("a port of chromedriver")
+    }
+
+    fn started() -> Option<Self> {
         let mut command = Command::new("chromedriver");
         command.arg("--port=0").stdout(Stdio::piped()).stderr(Stdio::null());
         let mut child = command.spawn().expect("chromedriver");
@@ -41,8 +48,13 @@ impl Driver {
             let (_, port) = line.split_once("started successfully on port ")?;
             port.trim_end_matches('.').parse().ok()
         };
-        let port = told.lines().map_while(Result::ok).find_map(at);
-        Self { child, port: port.expect("a port of chromedriver") }
+        match told.lines().map_while(Result::ok).find_map(at) {
+            Some(port) => Some(Self { child, port }),
+            None => {
+                let _ = child.wait();
+                None
+            }
+        }
     }
 }
 
