@@ -161,14 +161,15 @@ pub fn weak_points(
     Ok(lost + &weakest.unwrap_or_default() + &third_sensor(&layout.first_section(), exclusions)?)
 }
 
-/// Noise gain of three sensors of one section without mountings, and the best place of the third.
+/// Noise gain of three sensors of one section in one mounting, and the best place of the third.
 fn third_sensor(section: &ProbeLayout, exclusions: &[AngleRange]) -> Result<String, Refused> {
     let [one, two, third] = section.channels.as_slice() else { return Ok(String::new()) };
     let own = noise_gain(section, Separation::Multiprobe, RANKED_ORDERS)?.rms;
     let best = best_third([one, two].map(angle_deg), exclusions).filter(|(_, gain)| *gain < own);
-    let better = best.map(|(deg, gain)| format!(", with {} at {deg:.0}° {gain:.2}", third.name));
+    let better =
+        best.map(|(deg, gain)| format!("; it is {gain:.2} with {} at {deg:.0}°", third.name));
     Ok(format!(
-        " Noise gain of {}, {} and {} over harmonics 2 to 20 without mountings: {own:.2}{}.",
+        " Noise gain of {}, {} and {} over harmonics 2 to 20 in one mounting: {own:.2}{}.",
         one.name,
         two.name,
         third.name,

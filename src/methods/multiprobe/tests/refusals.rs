@@ -73,8 +73,8 @@ fn the_prompt_tells_the_noise_gain_and_a_better_place() {
     let text =
         |to_deg: f64| weak_points(&probes, 20, &[AngleRange { from_deg: 350.0, to_deg }]).unwrap();
     let better = text(200.0);
-    assert!(better.contains("without mountings: 1.53, with 230° at 220° 1.48"), "{better}");
-    assert!(text(340.0).ends_with("without mountings: 1.53."), "{}", text(340.0));
+    assert!(better.contains("in one mounting: 1.53; it is 1.48 with 230° at 220°"), "{better}");
+    assert!(text(340.0).ends_with("in one mounting: 1.53."), "{}", text(340.0));
 }
 
 #[test]
