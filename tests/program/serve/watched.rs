@@ -90,7 +90,10 @@ fn interrupted(shop: &MachineShop) {
     let words = [command.get_program()].into_iter().chain(command.get_args());
     let words: Vec<String> = words.map(|word| format!("'{}'", word.to_string_lossy())).collect();
     let mut script = Command::new("script");
-    script.args(["--quiet", "--return", "--command", &words.join(" "), "/dev/null"]);
+    // Without `exec` dash, which Ctrl-C interrupts too, returns 130.
+    let words = format!("exec {}", words.join(" "));
+    script.args(["--quiet", "--return", "--command", &words, "/dev/null"]);
+    script.env("SHELL", "/bin/sh").env("TERM", "xterm");
     let mut child = script.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
     let mut keys = child.stdin.take().unwrap();
     let mut shown = child.stdout.take().unwrap();
