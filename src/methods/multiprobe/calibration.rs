@@ -27,7 +27,7 @@ pub fn calibrate(
         },
         angle_rad: channel.angle_rad,
         u_gain: settings.u_gain,
-        u_angle_rad: settings.u_sensor_angle_deg.to_radians(),
+        u_angle_rad: settings.u_sensor_angle_rad(),
     });
     let found = calibrate_sensors(data, &sensors.collect::<Vec<_>>(), layout.turn);
     found.map_err(|error| IdentifyError::Numerical(error.to_string()))
@@ -56,10 +56,7 @@ pub fn parameters(
         let name = &layout.channels[i % count].name;
         let (symbol, unit, declared) = match i < count {
             true => (format!("gain_{name}"), Unit::UmPerM, settings.u_gain),
-            false => {
-                let declared = settings.u_sensor_angle_deg.to_radians();
-                (format!("angle_{name}"), Unit::Urad, declared)
-            }
+            false => (format!("angle_{name}"), Unit::Urad, settings.u_sensor_angle_rad()),
         };
         let u = calibration.covariance[(i, i)].sqrt();
         let is_better = u < MIN_IMPROVEMENT * declared;

@@ -5,6 +5,7 @@ use std::f64::consts::PI;
 use super::label::Label;
 use super::model::{Channel, Surface};
 use super::setup::Setup;
+use faer::c64;
 use machine::record::reading::Reading;
 use machine::record::watch::{SectionSensor, WatchedSensor};
 
@@ -82,15 +83,13 @@ fn offset_mm(setup: &Setup<'_>, section: usize, round: &[&Reading], stands: f64)
         let points: Vec<(f64, f64)> = points.filter(is_new).collect();
         let count = points.len().max(1) as f64;
         let mean = points.iter().map(|(_, deviation)| deviation).sum::<f64>() / count;
-        let part = |of: fn(f64) -> f64| {
-            let phase = |turned: f64| channel.angle_rad - setup.layout.turn * turned;
-            let parts = points.iter().map(|(turned, m)| (m - mean) * of(phase(*turned)));
-            2.0 / count * parts.sum::<f64>()
-        };
-        [part(f64::cos), part(f64::sin)]
+        let harmonic = points.iter().map(|(turned, m)| {
+            c64::cis(channel.angle_rad - setup.layout.turn * turned) * (m - mean)
+        });
+        harmonic.sum::<c64>() * (2.0 / count)
     };
     let sensors = setup.layout.channels.iter().filter(|c| c.surface == Surface::Section(section));
-    let offsets: Vec<[f64; 2]> = sensors.map(of_sensor).collect();
-    [0, 1]
-        .map(|k| offsets.iter().map(|offset| offset[k]).sum::<f64>() / offsets.len().max(1) as f64)
+    let offsets: Vec<c64> = sensors.map(of_sensor).collect();
+    let mean = offsets.iter().sum::<c64>() / offsets.len().max(1) as f64;
+    [mean.re, mean.im]
 }

@@ -4,7 +4,7 @@ use estimation::revolutions::AngleRange;
 use std::ops::RangeInclusive;
 
 use super::layout::{
-    MIN_SENSOR_ANGLE_DEG, RANKED_ORDERS, Separation, noise_gain, sensor_angle_deg, third_angles,
+    MIN_SENSOR_ANGLE_DEG, Separation, noise_gain, noise_gains, sensor_angle_deg, third_angles,
     unit_noise_fit,
 };
 use super::model::{Channel, Component, ProbeLayout, Surface, equal_steps_rad};
@@ -97,8 +97,7 @@ fn angle_deg(channel: &Channel) -> f64 {
 fn best_third(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Option<(f64, f64)> {
     let housings = pair_deg.map(|deg| AngleRange::about(deg, HOUSING_ANGLE_DEG));
     let exclusions = [exclusions, &housings].concat();
-    let (deg, gain) = third_angles(pair_deg, SOUGHT_STEP_DEG, &exclusions).into_iter().next()?;
-    Some((deg, gain.rms))
+    third_angles(pair_deg, SOUGHT_STEP_DEG, &exclusions).into_iter().next()
 }
 
 /// Refuses a layout that loses one of the `orders` of an error motion. The co-rotating first harmonic is
@@ -145,36 +144,34 @@ pub fn weak_points(
         layout.components().into_iter().filter(|c| *c == Component::Z).collect();
     let lost = lost_orders(layout, &axial, &(1..=harmonics))?;
     let lost: Vec<String> = lost.iter().map(|(_, order)| order.to_string()).collect();
-    let lost = match lost.as_slice() {
-        [] => String::new(),
-        orders => {
-            let symbol = Component::Z.symbol(layout.axis);
-            format!(" Harmonics of {symbol} that are not measured: {}.", orders.join(", "))
-        }
-    };
-    let gain = noise_gain(&layout.first_section(), Separation::Combined, 2..=harmonics)?;
-    let weakest = gain.gains.iter().zip(gain.orders).max_by(|a, b| a.0.total_cmp(b.0));
-    let weakest = weakest.map(|(gain, order)| {
-        let symbol = Component::X.symbol(layout.axis);
-        format!(" Least certain in {symbol}: harmonic {order}, {gain:.1} times the uncertainty of one sensor's.")
+    let [ex, ez] = [Component::X, Component::Z].map(|component| component.symbol(layout.axis));
+    let lost = (!lost.is_empty())
+        .then(|| format!(" Harmonics of {ez} that are not measured: {}.", lost.join(", ")));
+    let gains = noise_gains(&layout.first_section(), Separation::Combined, 2..=harmonics)?;
+    let weakest = gains.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map(|(order, gain)| {
+        format!(" Least certain in {ex}: harmonic {order}, {gain:.1} times the uncertainty of one sensor's.")
     });
-    Ok(lost + &weakest.unwrap_or_default() + &third_sensor(&layout.first_section(), exclusions)?)
+    let third = third_sensor(&layout.first_section(), exclusions)?;
+    Ok([lost, weakest, third].into_iter().flatten().collect())
 }
 
 /// Noise gain of three sensors of one section in one mounting, and the best place of the third.
-fn third_sensor(section: &ProbeLayout, exclusions: &[AngleRange]) -> Result<String, Refused> {
-    let [one, two, third] = section.channels.as_slice() else { return Ok(String::new()) };
-    let own = noise_gain(section, Separation::Multiprobe, RANKED_ORDERS)?.rms;
+fn third_sensor(
+    section: &ProbeLayout,
+    exclusions: &[AngleRange],
+) -> Result<Option<String>, Refused> {
+    let [one, two, third] = section.channels.as_slice() else { return Ok(None) };
+    let own = noise_gain(section, Separation::Multiprobe)?;
     let best = best_third([one, two].map(angle_deg), exclusions).filter(|(_, gain)| *gain < own);
     let better =
         best.map(|(deg, gain)| format!("; it is {gain:.2} with {} at {deg:.0}°", third.name));
-    Ok(format!(
+    Ok(Some(format!(
         " Noise gain of {}, {} and {} over harmonics 2 to 20 in one mounting: {own:.2}{}.",
         one.name,
         two.name,
         third.name,
         better.unwrap_or_default()
-    ))
+    )))
 }
 
 fn lost_orders(

@@ -9,7 +9,6 @@ use estimation::revolutions::{HarmonicData, Row, RowRevolutions, clock_error};
 use super::fit::SeparationFit;
 use super::model::ProbeLayout;
 use crate::IdentifyError;
-use crate::identification::multiply;
 
 /// A correction must reduce χ² to this part of the uncorrected value.
 const MAX_CORRECTED_SHARE: f64 = 0.1;
@@ -79,27 +78,20 @@ pub fn check_layout(
         let is_confirmed = indexes < 2 || is_seen;
         return Ok(if is_confirmed { LayoutCheck::Confirmed } else { LayoutCheck::NotConfirmed });
     }
-    let mut best = (as_planned.0 * MAX_CORRECTED_SHARE, None);
-    let mut compare = |sum: f64, wrong: Diagnosis| {
-        if sum < best.0 {
-            best = (sum, Some(wrong));
-        }
-    };
+    let mut explained = Vec::new();
     for (changed, wrong) in changed_layouts(layout) {
-        compare(SeparationFit::new(&changed, data)?.chi2().0, wrong);
+        explained.push((SeparationFit::new(&changed, data)?.chi2().0, wrong));
     }
     for (first, is_from_here_on) in (0..indexes).flat_map(|n| [(n, false), (n, true)]) {
-        let is_moved = |row: &Row| match is_from_here_on {
-            true => row.index >= first,
-            false => row.index == first,
-        };
+        let is_moved = |row: &Row| row.index == first || is_from_here_on && row.index > first;
         if let Some((sum, offset_rad)) = best_offset(layout, data, is_moved)? {
             let offset_deg = offset_rad.to_degrees();
-            compare(sum, Diagnosis::WrongIndex { first, is_from_here_on, offset_deg });
+            explained.push((sum, Diagnosis::WrongIndex { first, is_from_here_on, offset_deg }));
         }
     }
-    Ok(match best.1 {
-        Some(wrong) => LayoutCheck::Wrong(wrong),
+    let best = explained.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(match best.filter(|(sum, _)| *sum < as_planned.0 * MAX_CORRECTED_SHARE) {
+        Some((_, wrong)) => LayoutCheck::Wrong(wrong),
         None if indexes < 2 => LayoutCheck::Confirmed,
         None => LayoutCheck::Contradictory,
     })
@@ -124,9 +116,7 @@ fn changed_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, Diagnosis)> {
 fn shift_chi2(layout: &ProbeLayout, data: &HarmonicData, fit: &SeparationFit, index: usize) -> f64 {
     let mut shifted = layout.clone();
     shifted.index_angles_rad[index] += TAU / layout.index_angles_rad.len() as f64;
-    let planned =
-        |order| multiply(&layout.design(&data.rows, order), &fit.blocks[order - 1].solution.x);
-    fit.difference_chi2(&shifted, data, planned)
+    fit.difference_chi2(&shifted, data, &fit.predicted(layout, &data.rows))
 }
 
 /// The offset of the moved rows that agrees best with the motions and the form that the other rows give,
@@ -144,14 +134,14 @@ fn best_offset(
     }
     let fit = SeparationFit::new(layout, &kept)?;
     let (kept_chi2, _) = fit.chi2();
+    let observed: Vec<f64> = (1..=data.orders()).flat_map(|k| moved.observations(k)).collect();
     let coarse = 4 * data.orders() as i32;
     let coarse_deg = 360.0 / f64::from(coarse);
     let of = |deg: f64| {
         let offset = deg.to_radians();
         let mut turned = layout.clone();
         turned.index_angles_rad.iter_mut().for_each(|angle| *angle += offset);
-        let observed = |order| moved.observations(order);
-        (kept_chi2 + fit.difference_chi2(&turned, &moved, observed), offset)
+        (kept_chi2 + fit.difference_chi2(&turned, &moved, &observed), offset)
     };
     let least = |a: &(f64, f64), b: &(f64, f64)| a.0.total_cmp(&b.0);
     let offsets = (-coarse / 2..coarse / 2).map(|i| f64::from(i) * coarse_deg);

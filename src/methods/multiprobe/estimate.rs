@@ -2,7 +2,7 @@
 
 use super::calibration;
 use super::diagnosis::{Diagnosis, LayoutCheck, check_layout, clock_errors};
-use super::layout::{Separation, noise_gain};
+use super::layout::{Separation, noise_gains};
 use super::model::Channel;
 use super::observe::{Observed, observed};
 use super::outputs::ReportedMotions;
@@ -48,7 +48,11 @@ pub fn estimate(
     {
         return Err(refused(&fault));
     }
-    let mut sizes = settings.source_sizes(drift_mm_per_s(plan), observed.revolution_s);
+    // Turns in both directions cancel a constant rate; what is not constant is in their scatter.
+    let net = if settings.both_directions { 0.0 } else { observed.revolution_s };
+    let drift_mm_per_revolution = drift_mm_per_s(plan) * net;
+    let linearity = Vec::new();
+    let mut sizes = SourceSizes { settings, sensors: None, drift_mm_per_revolution, linearity };
     let index_warning = check_rows(&setup, &sizes, &mut observed)?;
     let data = harmonic_data(settings, &observed.rows)?;
     let calibration = calibration::calibrate(&setup.layout, settings, &data)?;
@@ -73,7 +77,7 @@ pub fn estimate(
         estimate.parameters.extend(revolution_values(&setup.layout, &motions, &observed.forward));
     }
     estimate.parameters.extend(calibration::parameters(&calibration, &setup.layout, settings));
-    estimate.functions.extend(noise_gains(&setup));
+    estimate.functions.extend(gain_functions(&setup));
     estimate.functions.push(separated.fit.residuals());
     estimate.functions.extend(stability(&setup, &observed.rows));
     let mut gauge = vec![motions.gauge.clone()];
@@ -106,19 +110,19 @@ fn harmonic_data(
 fn separate(
     setup: &Setup<'_>,
     rows: &[RowRevolutions],
-    sizes: &SourceSizes,
+    sizes: &SourceSizes<'_>,
     trials: Option<TrialPlan>,
 ) -> Result<(HarmonicData, Separated), IdentifyError> {
     let data = harmonic_data(setup.settings, rows)?;
     let linearity = linearity_of_revolutions(&setup.plan.sensors, rows, &data);
     let sizes = SourceSizes { linearity, ..sizes.clone() };
-    let separated = identify(&setup.layout, &data, &sizes, setup.settings.sampling, trials)?;
+    let separated = identify(&setup.layout, &data, &sizes, trials)?;
     Ok((data, separated))
 }
 
 /// Of the sensors of the first section, for each separation: standard uncertainty of a coefficient of EXC where
 /// those of one sensor have 1 µm. Orders that it loses are left out.
-fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
+fn gain_functions(setup: &Setup<'_>) -> Vec<Function> {
     let layout = setup.layout.first_section();
     let separations = [
         ("gain_multiprobe", Separation::Multiprobe),
@@ -126,9 +130,9 @@ fn noise_gains(setup: &Setup<'_>) -> Vec<Function> {
         ("gain_combined", Separation::Combined),
     ];
     let function = |(symbol, separation): (&str, Separation)| {
-        let gain = noise_gain(&layout, separation, 2..=setup.settings.harmonics).ok()?;
-        let kept = gain.orders.iter().zip(&gain.gains).filter(|(_, gain)| gain.is_finite());
-        let points: Vec<(f64, f64)> = kept.map(|(order, gain)| (*order as f64, *gain)).collect();
+        let gains = noise_gains(&layout, separation, 2..=setup.settings.harmonics).ok()?;
+        let kept = gains.into_iter().filter(|(_, gain)| gain.is_finite());
+        let points: Vec<(f64, f64)> = kept.map(|(order, gain)| (order as f64, gain)).collect();
         (!points.is_empty()).then(|| order_values(symbol, Unit::Um, points.into_iter()))
     };
     separations.into_iter().filter_map(function).collect()
@@ -167,7 +171,7 @@ fn warnings(observed: &Observed, of_index: Option<String>, separated: &Separated
 /// Takes a single wrong index out of the rows; what else the form of the artefact says of the indexes.
 fn check_rows(
     setup: &Setup<'_>,
-    sizes: &SourceSizes,
+    sizes: &SourceSizes<'_>,
     observed: &mut Observed,
 ) -> Result<Option<String>, IdentifyError> {
     let (data, first) = separate(setup, &observed.rows, sizes, None)?;

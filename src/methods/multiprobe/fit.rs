@@ -35,15 +35,11 @@ impl SeparationFit {
         BlockwiseFit::new((1..=data.orders()).map(equations)).map(Self)
     }
 
-    /// Orders and blocks without the first harmonic: it holds the eccentricity of each mounting, which the model
-    /// does not.
-    fn higher(&self) -> impl Iterator<Item = (usize, &BlockFit)> {
-        (1..).zip(&self.blocks).skip(1)
-    }
-
-    /// Σ(residual/σ)² of all observations without the first harmonic, and their degrees of freedom.
+    /// Σ(residual/σ)² of all observations, and their degrees of freedom, without the first harmonic: it holds the
+    /// eccentricity of each mounting, which the model does not.
     pub fn chi2(&self) -> (f64, usize) {
-        self.higher().fold((0.0, 0), |(chi2, dof), (_, fit)| (chi2 + fit.chi2, dof + fit.dof))
+        let higher = self.blocks.iter().skip(1);
+        higher.fold((0.0, 0), |(chi2, dof), fit| (chi2 + fit.chi2, dof + fit.dof))
     }
 
     /// Observations that the solution gives with another layout: the effect of an error of it.
@@ -54,19 +50,17 @@ impl SeparationFit {
         (1..).zip(&self.blocks).flat_map(of).collect()
     }
 
-    /// Σ(difference/σ)² of what the solution gives with another layout and the observations of an order, without
-    /// the first harmonic.
+    /// Σ(difference/σ)² of what the solution gives with another layout and `others`, the same as observations or of
+    /// another layout, without the first harmonic.
     pub fn difference_chi2(
         &self,
         layout: &ProbeLayout,
         data: &HarmonicData,
-        observed: impl Fn(usize) -> Vec<f64>,
+        others: &[f64],
     ) -> f64 {
-        let of = |(order, fit): (usize, &BlockFit)| {
-            let predicted = multiply(&layout.design(&data.rows, order), &fit.solution.x);
-            let rows = predicted.iter().zip(observed(order)).zip(data.sigma_mm(order));
-            rows.map(|((p, o), sigma)| ((o - p) / sigma).powi(2)).sum::<f64>()
-        };
-        self.higher().map(of).sum()
+        let sigma = (1..=data.orders()).flat_map(|order| data.sigma_mm(order));
+        let predicted = self.predicted(layout, &data.rows);
+        let all = predicted.iter().zip(others).zip(sigma).skip(2 * data.rows.len());
+        all.map(|((one, other), sigma)| ((other - one) / sigma).powi(2)).sum()
     }
 }

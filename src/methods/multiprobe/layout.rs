@@ -26,25 +26,16 @@ pub enum Separation {
     Combined,
 }
 
-/// Noise of EXC over the noise of one sensor.
-#[derive(Debug, Clone, PartialEq)]
-pub struct NoiseGain {
-    pub orders: Vec<usize>,
-    /// One entry an order; infinite where the order is lost.
-    pub gains: Vec<f64>,
-    /// Root mean square over the orders.
-    pub rms: f64,
-}
-
-/// Of radial sensors of one section, over the harmonics `orders`, from 2 on.
+/// Harmonics `orders`, from 2 on, with the noise of EXC over the noise of one sensor, infinite where the order is
+/// lost. Of radial sensors of one section.
 ///
 /// # Errors
 /// Angles that are not finite.
-pub fn noise_gain(
+pub fn noise_gains(
     layout: &ProbeLayout,
     separation: Separation,
     orders: RangeInclusive<usize>,
-) -> Result<NoiseGain, Refused> {
+) -> Result<Vec<(usize, f64)>, Refused> {
     let is_used = |row: &Row| match separation {
         Separation::Multiprobe => row.index == 0,
         Separation::Multistep => row.channel < 2,
@@ -54,12 +45,16 @@ pub fn noise_gain(
     let fit = unit_noise_fit(layout, rows, *orders.end())?;
     let motions = ReportedMotions::new(layout, &fit);
     let gain = |order: usize| match motions.has(Component::X, order) {
-        true => fit.blocks[order - 1].solution.covariance[(0, 0)].sqrt(),
-        false => f64::INFINITY,
+        true => (order, fit.blocks[order - 1].solution.covariance[(0, 0)].sqrt()),
+        false => (order, f64::INFINITY),
     };
-    let gains: Vec<f64> = orders.clone().map(gain).collect();
-    let rms = crate::identification::rms(&gains);
-    Ok(NoiseGain { orders: orders.collect(), gains, rms })
+    Ok(orders.map(gain).collect())
+}
+
+/// Root mean square of the noise gains over [`RANKED_ORDERS`].
+pub fn noise_gain(layout: &ProbeLayout, separation: Separation) -> Result<f64, Refused> {
+    let gains = noise_gains(layout, separation, RANKED_ORDERS)?;
+    Ok(crate::identification::rms(&gains.iter().map(|(_, gain)| *gain).collect::<Vec<_>>()))
 }
 
 /// The fit of harmonics 1..=`orders` of zeros, each observation with a standard uncertainty of 1 mm.
@@ -75,13 +70,12 @@ pub fn unit_noise_fit(
 }
 
 /// Positions of the third sensor in steps of `step_deg` outside the `exclusions`, those of least noise
-/// gain of the multiprobe separation (root mean square over [`RANKED_ORDERS`]) first. None that loses one
-/// of these harmonics.
+/// gain of the multiprobe separation first, with this gain. None that loses one of [`RANKED_ORDERS`].
 pub fn third_angles(
     pair_deg: [f64; 2],
     step_deg: f64,
     exclusions: &[AngleRange],
-) -> Vec<(f64, NoiseGain)> {
+) -> Vec<(f64, f64)> {
     let count = (360.0 / step_deg).round().max(1.0) as usize;
     let is_free = |deg: &f64| {
         !exclusions.iter().any(|range| range.contains(*deg))
@@ -89,12 +83,12 @@ pub fn third_angles(
     };
     let gain = |deg: f64| {
         let layout = ProbeLayout::radial(&[pair_deg[0], pair_deg[1], deg], 1);
-        Some((deg, noise_gain(&layout, Separation::Multiprobe, RANKED_ORDERS).ok()?))
+        Some((deg, noise_gain(&layout, Separation::Multiprobe).ok()?))
     };
     let free = (0..count).map(|i| i as f64 * step_deg).filter(is_free);
-    let mut found: Vec<(f64, NoiseGain)> =
-        free.filter_map(gain).filter(|(_, gain)| gain.rms.is_finite()).collect();
-    found.sort_by(|a, b| a.1.rms.total_cmp(&b.1.rms));
+    let found = free.filter_map(gain).filter(|(_, gain)| gain.is_finite());
+    let mut found: Vec<(f64, f64)> = found.collect();
+    found.sort_by(|a, b| a.1.total_cmp(&b.1));
     found
 }
 

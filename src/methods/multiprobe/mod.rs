@@ -31,7 +31,6 @@ pub use settings::Settings;
 use self::fit::SeparationFit;
 use self::model::ProbeLayout;
 use self::outputs::ReportedMotions;
-use self::settings::TurnSampling;
 use self::setup::Setup;
 use self::sources::{SourceSizes, sources};
 use crate::identification::{Identification, Outputs, TrialPlan};
@@ -106,14 +105,13 @@ struct Separated {
 fn identify(
     layout: &ProbeLayout,
     data: &HarmonicData,
-    sizes: &SourceSizes,
-    sampling: TurnSampling,
+    sizes: &SourceSizes<'_>,
     trials: Option<TrialPlan>,
 ) -> Result<Separated, IdentifyError> {
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit);
     // The values by ISO 230-7 and the roundness have their uncertainty from the trials.
-    let nonlinear = motions.ranges(sampling);
+    let nonlinear = motions.ranges(sizes.settings.sampling);
     let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
     let sources = sources(layout, data, &fit, sizes);
     let identification =

@@ -3,7 +3,6 @@
 use estimation::revolutions::{AngleRange, ResampleFilter};
 use serde::{Deserialize, Serialize};
 
-use super::sources::SourceSizes;
 use crate::Refused;
 use machine::Position;
 
@@ -161,19 +160,7 @@ impl Settings {
         )
     }
 
-    /// `drift_mm_per_s`: of the artefact against the sensors.
-    pub fn source_sizes(&self, drift_mm_per_s: f64, revolution_s: f64) -> SourceSizes {
-        // Turns in both directions cancel a constant rate; what is not constant is in their scatter.
-        let net = if self.both_directions { 0.0 } else { drift_mm_per_s * revolution_s };
-        SourceSizes {
-            gain: self.u_gain,
-            channel_angle_rad: self.u_sensor_angle_deg.to_radians(),
-            sensors: None,
-            section_distance_mm: self.u_section_distance_mm,
-            face_radius_mm: self.u_face_radius_mm,
-            index_angle_rad: self.u_index_angle_deg.to_radians(),
-            drift_mm_per_revolution: net,
-            linearity: Vec::new(),
-        }
+    pub fn u_sensor_angle_rad(&self) -> f64 {
+        self.u_sensor_angle_deg.to_radians()
     }
 }

@@ -35,13 +35,13 @@ impl<'a> Setup<'a> {
         let line = chain.axis_line(table.axis, &at).ok_or_else(Refused::no_table)?;
         let on_table = CylinderOnTable { chain: &chain, at: &at, cylinder, axis: &line };
         let foot = on_table.foot();
-        let observed = |sensor: &'a Sensor| match on_table.observed(sensor) {
-            Ok(surface) => Ok((sensor, surface)),
-            Err(error) => {
-                Err(Refused::new(format!("sensor {}: {error}", sensor.name), error.remedy()))
-            }
+        let observed = |sensor: &'a Sensor| {
+            let surface = on_table.observed(sensor).map_err(|error| {
+                Refused::new(format!("sensor {}: {error}", sensor.name), error.remedy())
+            })?;
+            Ok((sensor, surface))
         };
-        let placed = plan.sensors.iter().map(observed).collect::<Result<Vec<_>, _>>()?;
+        let placed = plan.sensors.iter().map(observed).collect::<Result<Vec<_>, Refused>>()?;
         let mut sections: Vec<usize> =
             placed.iter().filter_map(|(_, surface)| surface.section).collect();
         sections.sort_unstable();
@@ -111,13 +111,14 @@ fn datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, Refused> {
 
 /// Where the axes are, the measured one at zero.
 fn stands(plan: &Plan, settings: &Settings, table: &TableAxis) -> Result<Position, Refused> {
-    let stray = settings.at.iter().find(|(axis, _)| *axis == table.axis);
+    let axis = table.axis;
+    Refused::unless(
+        settings.at.get(axis).is_none(),
+        format!("`at` names {axis}, the axis that is measured"),
+        format!("take {axis} out of `at`"),
+    )?;
     let linear = plan.machine.axes.keys().filter(|axis| axis.is_linear());
     let missing = linear.into_iter().find(|axis| settings.at.get(**axis).is_none());
-    if let Some((axis, _)) = stray {
-        let why = format!("`at` names {axis}, the axis that is measured");
-        return Err(Refused::new(why, format!("take {axis} out of `at`")));
-    }
     if let Some(axis) = missing {
         let instead = format!(
             "move the machine to where the sensors look at the sections, and state {axis} of the display in \

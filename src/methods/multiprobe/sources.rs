@@ -9,24 +9,19 @@ use faer::Mat;
 
 use super::fit::SeparationFit;
 use super::model::{Component, ProbeLayout, Surface};
+use super::settings::Settings;
 use crate::identification::{EvaluationType, UncertaintySource};
 
 /// Difference of an angle for its derivative.
 const SMALL_ANGLE_RAD: f64 = 1e-3;
 
-/// Standard uncertainties of what the layout declares. Zero: exactly known.
+/// Standard uncertainties. Zero: exactly known.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SourceSizes {
-    /// Relative, one a channel, as declared.
-    pub gain: f64,
-    pub channel_angle_rad: f64,
+pub struct SourceSizes<'a> {
+    /// With those of what the layout declares.
+    pub settings: &'a Settings,
     /// Covariance of the gains, then of the angles, once they are calibrated.
     pub sensors: Option<Mat<f64>>,
-    /// Of the distance d of the sections.
-    pub section_distance_mm: f64,
-    /// Of the radius ρ of the axial sensors.
-    pub face_radius_mm: f64,
-    pub index_angle_rad: f64,
     /// Drift of the artefact against the sensors along X, Y and Z during one revolution, net of
     /// revolutions in the other direction.
     pub drift_mm_per_revolution: f64,
@@ -80,14 +75,19 @@ pub fn sources(
     layout: &ProbeLayout,
     data: &HarmonicData,
     fit: &SeparationFit,
-    sizes: &SourceSizes,
+    sizes: &SourceSizes<'_>,
 ) -> Vec<UncertaintySource> {
+    let declared = sizes.settings;
     // The first mounting defines the angle of the artefact.
     let indexes = 1..layout.index_angles_rad.len();
     let errors: [(&str, f64, Vec<Change>); 3] = [
-        ("index angle", sizes.index_angle_rad, indexes.map(index_angle).collect()),
-        ("section distance", sizes.section_distance_mm, vec![section_distance()]),
-        ("face radius", sizes.face_radius_mm, vec![face_radius()]),
+        (
+            "index angle",
+            declared.u_index_angle_deg.to_radians(),
+            indexes.map(index_angle).collect(),
+        ),
+        ("section distance", declared.u_section_distance_mm, vec![section_distance()]),
+        ("face radius", declared.u_face_radius_mm, vec![face_radius()]),
     ];
     let of_sensors = sensor_errors(layout, data, fit, sizes);
     let mut all =
@@ -115,7 +115,7 @@ fn sensor_errors(
     layout: &ProbeLayout,
     data: &HarmonicData,
     fit: &SeparationFit,
-    sizes: &SourceSizes,
+    sizes: &SourceSizes<'_>,
 ) -> Vec<Vec<f64>> {
     let count = layout.channels.len();
     let channels = 0..count;
@@ -125,7 +125,8 @@ fn sensor_errors(
         moved.into_iter().map(|effect| effect / SMALL_ANGLE_RAD).collect()
     };
     let effects: Vec<Vec<f64>> = gains.chain(channels.map(angle)).collect();
-    let declared = |i: usize| if i < count { sizes.gain } else { sizes.channel_angle_rad };
+    let (u_gain, u_angle) = (sizes.settings.u_gain, sizes.settings.u_sensor_angle_rad());
+    let declared = |i: usize| if i < count { u_gain } else { u_angle };
     let independent =
         || Mat::from_fn(2 * count, 2 * count, |i, j| if i == j { declared(i) } else { 0.0 });
     let root = sizes.sensors.as_ref().map_or_else(independent, lower_root);
@@ -141,12 +142,9 @@ fn sensor_errors(
 
 /// Change of all observations by a relative gain of 1 more of one channel.
 fn gain_effect(data: &HarmonicData, channel: usize) -> Vec<f64> {
-    let of = |order: usize| {
-        let observed = data.observations(order).into_iter().enumerate();
-        let is_own = |i: usize| data.rows[i % data.rows.len()].channel == channel;
-        observed.map(move |(i, m)| if is_own(i) { m } else { 0.0 }).collect::<Vec<f64>>()
-    };
-    (1..=data.orders()).flat_map(of).collect()
+    let observed = (1..=data.orders()).flat_map(|order| data.observations(order));
+    let rows = data.rows.iter().cycle();
+    observed.zip(rows).map(|(m, row)| if row.channel == channel { m } else { 0.0 }).collect()
 }
 
 /// A displacement that grows in proportion to the angle, along X, Y and Z: over one revolution

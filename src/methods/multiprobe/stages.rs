@@ -82,11 +82,8 @@ fn mounting(setup: &Setup<'_>, turn_deg: &[f64], number: usize) -> Result<Vec<St
     let index_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
     let text = match number {
         1 => format!(
-            "The artefact is centred. Keep clear: at each mounting the table turns {}{}",
-            match setup.settings.revolutions {
-                1 => "one revolution".to_owned(),
-                more => format!("{more} revolutions"),
-            },
+            "The artefact is centred. Keep clear: at each mounting the table turns {}°{}",
+            360 * setup.settings.revolutions,
             if setup.settings.both_directions { " and back" } else { "" }
         ),
         _ => format!(

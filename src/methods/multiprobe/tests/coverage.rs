@@ -7,7 +7,7 @@ use std::f64::consts::TAU;
 use super::super::model::{ProbeLayout, Surface};
 use super::super::outputs::ReportedMotions;
 use super::super::revolutions::revolution_values;
-use super::super::settings::TurnSampling;
+use super::super::settings::{Settings, TurnSampling};
 use super::super::sources::SourceSizes;
 use super::super::{Separated, identify};
 use super::generator::{ScanSize, World, sum};
@@ -24,22 +24,29 @@ fn range_of(values: &[f64]) -> f64 {
     largest.unwrap() - least.unwrap()
 }
 
-fn exact() -> SourceSizes {
-    SourceSizes {
-        gain: 0.0,
-        channel_angle_rad: 0.0,
-        sensors: None,
-        section_distance_mm: 0.0,
-        face_radius_mm: 0.0,
-        index_angle_rad: 0.0,
-        drift_mm_per_revolution: 0.0,
-        linearity: Vec::new(),
+/// Nothing declared is uncertain.
+fn exact() -> Settings {
+    Settings {
+        sampling: TurnSampling::Continuous,
+        u_gain: 0.0,
+        u_sensor_angle_deg: 0.0,
+        u_section_distance_mm: 0.0,
+        u_face_radius_mm: 0.0,
+        u_index_angle_deg: 0.0,
+        ..Settings::default()
     }
+}
+
+const DRIFT_MM: f64 = 0.02e-3;
+
+/// Of the settings; the drift of a revolution, mm.
+fn sizes(settings: &Settings, drift_mm_per_revolution: f64) -> SourceSizes<'_> {
+    SourceSizes { settings, sensors: None, drift_mm_per_revolution, linearity: Vec::new() }
 }
 
 fn identified(layout: &ProbeLayout, measured: &[RowRevolutions], sizes: &SourceSizes) -> Separated {
     let data = HarmonicData::from_revolutions(measured, ORDERS).unwrap();
-    identify(layout, &data, sizes, TurnSampling::Continuous, None).unwrap()
+    identify(layout, &data, sizes, None).unwrap()
 }
 
 /// Truth of `EXC_c2` and the like, internal unit; not of a first harmonic, of which a part is eccentricity.
@@ -113,7 +120,7 @@ fn regress_coverage_of_noise_and_asynchronous_motion() {
                 let values = row.revolutions.iter_mut().flatten().zip(own);
                 values.for_each(|(m, x)| *m += asynchronous_mm * x * channel.angle_rad.cos());
             }
-            covered.count(&identified(&layout, &measured, &exact()), &world, prefix);
+            covered.count(&identified(&layout, &measured, &sizes(&exact(), 0.0)), &world, prefix);
         }
         let (share, squares) = (covered.share(), covered.squares / covered.all as f64);
         println!("asynchronous {asynchronous_mm} {prefix}: {share:.4}, χ² {squares:.3}");
@@ -125,20 +132,19 @@ fn regress_coverage_of_noise_and_asynchronous_motion() {
 /// All sources: the measurement is generated with a drawn layout and identified with the nominal one.
 #[test]
 fn regress_coverage_of_all_sources() {
-    let sizes = SourceSizes {
-        gain: 2e-3,
-        channel_angle_rad: 2e-3,
-        sensors: None,
-        section_distance_mm: 0.1,
-        face_radius_mm: 0.1,
-        index_angle_rad: 2e-3,
-        drift_mm_per_revolution: 0.02e-3,
-        linearity: Vec::new(),
+    let declared = Settings {
+        u_gain: 2e-3,
+        u_sensor_angle_deg: 0.1,
+        u_section_distance_mm: 0.1,
+        u_face_radius_mm: 0.1,
+        u_index_angle_deg: 0.1,
+        ..exact()
     };
+    let sizes = sizes(&declared, DRIFT_MM);
     let nominal = layout(3, -1.0);
     let (mut covered, mut ratios) = (Covered::default(), Vec::new());
     for seed in 0..300 {
-        let drawn = Drawn::new(&nominal, &sizes, seed);
+        let drawn = Drawn::new(&nominal, &declared, seed);
         let world = World::random(seed, ORDERS, 2, 0.01e-3);
         let measured = drawn.measured(&world, seed);
         let separated = identified(&nominal, &measured, &sizes);
@@ -160,23 +166,23 @@ struct Drawn {
 }
 
 impl Drawn {
-    fn new(nominal: &ProbeLayout, sizes: &SourceSizes, seed: u64) -> Self {
+    fn new(nominal: &ProbeLayout, declared: &Settings, seed: u64) -> Self {
         let mut units = Random::of(seed, &[9]).units(64, &[Shape::Normal]).into_iter();
         let mut draw = |size: f64| size * units.next().unwrap();
         let mut layout = nominal.clone();
-        layout.section_z_mm[1] += draw(sizes.section_distance_mm);
-        let face = draw(sizes.face_radius_mm);
+        layout.section_z_mm[1] += draw(declared.u_section_distance_mm);
+        let face = draw(declared.u_face_radius_mm);
         for channel in &mut layout.channels {
-            channel.angle_rad += draw(sizes.channel_angle_rad);
+            channel.angle_rad += draw(declared.u_sensor_angle_rad());
             if let Surface::Face { radius_mm } = &mut channel.surface {
                 *radius_mm += face;
             }
         }
         for angle in &mut layout.index_angles_rad[1..] {
-            *angle += draw(sizes.index_angle_rad);
+            *angle += draw(declared.u_index_angle_deg.to_radians());
         }
-        let gains = layout.channels.iter().map(|_| 1.0 + draw(sizes.gain)).collect();
-        let drift = [sizes.drift_mm_per_revolution; 3].map(draw);
+        let gains = layout.channels.iter().map(|_| 1.0 + draw(declared.u_gain)).collect();
+        let drift = [DRIFT_MM; 3].map(draw);
         Self { layout, gains, drift }
     }
 
@@ -215,7 +221,7 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
         ScanSize { samples: SAMPLES, revolutions: 2 },
         1,
     );
-    let separated = identified(&layout, &measured, &exact());
+    let separated = identified(&layout, &measured, &sizes(&exact(), 0.0));
     assert!(
         ReportedMotions::new(&layout, &separated.fit).gauge.contains("(EXC, EYC) and (EAC, EBC)"),
         "{}",
@@ -261,8 +267,7 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
     );
     let data = HarmonicData::from_revolutions(&measured, ORDERS).unwrap();
     let plan = TrialPlan { seed: 1, trials: Trials::Fixed(20_000) };
-    let separated =
-        identify(&layout, &data, &exact(), TurnSampling::Continuous, Some(plan)).unwrap();
+    let separated = identify(&layout, &data, &sizes(&exact(), 0.0), Some(plan)).unwrap();
     let estimate = separated.identification.estimate("multiprobe");
     for parameter in &estimate.parameters {
         let trials = parameter.u_monte_carlo.unwrap();
@@ -300,7 +305,7 @@ fn regress_asynchronous_and_total_values() {
             moved.for_each(|m| *m += by_mm * channel.angle_rad.cos());
         }
     }
-    let separated = identified(&layout, &measured, &exact());
+    let separated = identified(&layout, &measured, &sizes(&exact(), 0.0));
     let motions = ReportedMotions::new(&layout, &separated.fit);
     let values = revolution_values(&layout, &motions, &measured);
     let value = |symbol: &str| values.iter().find(|p| p.symbol == symbol).unwrap();
@@ -322,7 +327,7 @@ fn regress_multiprobe_alone_reports_four_motions() {
     let world = World::random(2, ORDERS, 2, 1e-7);
     let size = ScanSize { samples: SAMPLES, revolutions: 3 };
     let measured = world.revolutions(&layout, &layout.all_rows(), size, 1);
-    let separated = identified(&layout, &measured, &exact());
+    let separated = identified(&layout, &measured, &sizes(&exact(), 0.0));
     let outputs = &separated.identification.outputs;
     assert!(outputs.all_parameters().all(|output| !output.symbol.starts_with("EZC")));
     assert!(outputs.curves.iter().all(|curve| curve.symbol != "EZC"));
