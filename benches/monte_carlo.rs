@@ -77,10 +77,10 @@ fn ours(
     plan: &Plan,
     readings: &[Reading],
 ) -> Result<(f64, Estimate), Box<dyn Error>> {
-    let (mut best, mut estimate) = (f64::INFINITY, method.identify(plan, readings, &[])?);
+    let (mut best, mut estimate) = (f64::INFINITY, method.identify(plan, readings)?);
     for _ in 0..9 {
         let start = Instant::now();
-        estimate = method.identify(plan, readings, &[])?;
+        estimate = method.identify(plan, readings)?;
         best = best.min(start.elapsed().as_secs_f64());
     }
     Ok((best, estimate))

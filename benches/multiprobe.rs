@@ -95,7 +95,7 @@ fn identified(
     let (mut best, mut last) = (f64::INFINITY, None);
     for _ in 0..3 {
         let start = Instant::now();
-        last = Some(method.identify(plan, readings, &[])?);
+        last = Some(method.identify(plan, readings)?);
         best = best.min(start.elapsed().as_secs_f64());
     }
     Ok((best, last.ok_or("no estimate")?))

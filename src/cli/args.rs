@@ -194,6 +194,7 @@ pub struct IdentifyArgs {
     pub plan: Option<PathBuf>,
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
+    /// Estimates that are taken as known, in the place of those that the run was begun with.
     #[arg(long = "with", value_name = "EST.json")]
     pub with: Vec<PathBuf>,
     #[arg(long)]

@@ -1,6 +1,6 @@
 //! Where things are kept, and what is read from them.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use super::failure::Failure;
 use crate::store::state_dir;
@@ -13,7 +13,11 @@ pub fn state_folder(given: Option<&Path>) -> Result<std::path::PathBuf, Failure>
     })
 }
 
-pub fn read_estimate(file: &Path) -> Result<Estimate, Failure> {
+pub fn read_estimates(files: &[PathBuf]) -> Result<Vec<Estimate>, Failure> {
+    files.iter().map(|file| read_estimate(file)).collect()
+}
+
+fn read_estimate(file: &Path) -> Result<Estimate, Failure> {
     let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
     serde_json::from_str(&text).map_err(|error| {
         Failure::new(

@@ -4,10 +4,10 @@ use std::path::Path;
 
 use super::args::IdentifyArgs;
 use super::failure::Failure;
-use super::files::{read_estimate, state_folder};
+use super::files::{read_estimates, state_folder};
 use super::{Exit, show};
 use crate::report::readings_csv;
-use crate::run::{judged, naming_priors};
+use crate::run::{identified, judged};
 use crate::setup::{self, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState};
 use machine::record::estimate::Estimate;
@@ -15,10 +15,9 @@ use machine::record::plan::{PLAN_VERSION, Plan, StepKind};
 use machine::record::reading::Reading;
 
 pub fn identify(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exit, Failure> {
-    let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
     let estimate = match (args.run, &args.readings) {
-        (Some(run), _) => stored_run(args, RunId(run), &priors, state)?,
-        (None, Some(file)) => files(args, file, &priors)?,
+        (Some(run), _) => stored_run(args, RunId(run), state)?,
+        (None, Some(file)) => files(args, file)?,
         (None, None) => return Err(Failure::plain("neither --readings nor --run is given")),
     };
     if args.json {
@@ -29,9 +28,9 @@ pub fn identify(args: &IdentifyArgs, state: Option<&Path>) -> Result<Exit, Failu
     Ok(estimate.verdict.into())
 }
 
-fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimate, Failure> {
+fn files(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
-    let (method, plan) = match &args.plan {
+    let (method, mut plan) = match &args.plan {
         Some(file) => read_plan(file, &args.method)?,
         None => {
             let (method, header) = setup::header(&machine, &args.method, None)?;
@@ -42,17 +41,12 @@ fn files(args: &IdentifyArgs, csv: &Path, priors: &[Estimate]) -> Result<Estimat
     let bytes = std::fs::read(csv).map_err(|error| Failure::file(csv, &error))?;
     let readings = readings_csv::read(&bytes)
         .map_err(|error| Failure::plain(format!("{}: {error}", csv.display())))?;
-    let estimate = naming_priors(method.identify(&plan, &readings, priors)?, priors);
-    Ok(judged(estimate, &machine.tolerance))
+    take_priors(args, &mut plan)?;
+    Ok(judged(identified(method.as_ref(), &plan, &readings)?, &machine.tolerance))
 }
 
 /// Judged by the tolerances of `--machine`, or of the machine file that the run was made with.
-fn stored_run(
-    args: &IdentifyArgs,
-    run: RunId,
-    priors: &[Estimate],
-    state: Option<&Path>,
-) -> Result<Estimate, Failure> {
+fn stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<Estimate, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let stored = journal.load(run)?;
     if stored.plan.method != args.method {
@@ -71,12 +65,21 @@ fn stored_run(
     };
     let method =
         methods::configure(&args.method, stored.plan.settings.clone()).map_err(Failure::plain)?;
-    let (plan, left_out) = measured(stored.plan, stored.summary.state, &stored.readings);
-    let estimate = naming_priors(method.identify(&plan, &stored.readings, priors)?, priors);
+    let (mut plan, left_out) = measured(stored.plan, stored.summary.state, &stored.readings);
+    take_priors(args, &mut plan)?;
+    let estimate = identified(method.as_ref(), &plan, &stored.readings)?;
     let mut estimate = judged(estimate, &machine.tolerance);
     estimate.warnings.extend(left_out);
     journal.estimate(run, &estimate).wait()?;
     Ok(estimate)
+}
+
+/// Those of `--with`, where it is given, in the place of the plan's own.
+fn take_priors(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
+    if !args.with.is_empty() {
+        plan.priors = read_estimates(&args.with)?;
+    }
+    Ok(())
 }
 
 /// Of a run that did not come to its end, what was measured; and a word on what is left out.

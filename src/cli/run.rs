@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::args::{OutputArgs, RunArgs, Speed};
 use super::daemon::Daemon;
 use super::failure::Failure;
-use super::files::read_estimate;
+use super::files::read_estimates;
 use super::progress::Progress;
 use super::signals::stop_on_signals;
 use super::terminal::{by_enter, login};
@@ -21,10 +21,10 @@ use methods::Method;
 
 pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
-    let (method, plan) = setup::header(&machine, &args.method, args.repeat)?;
+    let (method, mut plan) = setup::header(&machine, &args.method, args.repeat)?;
     let method: Arc<dyn Method> = method.into();
-    let priors = args.with.iter().map(|file| read_estimate(file)).collect::<Result<Vec<_>, _>>()?;
-    method.check_priors(&plan, &priors)?;
+    plan.priors = read_estimates(&args.with)?;
+    method.check_priors(&plan)?;
     check_report_folder(&args.output)?;
     let wires = Wires::of(args.output.capture.as_deref(), args.replay.as_deref())?;
     let folder = wires.folder(state)?;
@@ -48,7 +48,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
         let opening = connect(&machine, args.output.speed, Past::default());
         let devices = wires.connect(opening).await?;
         stop_on_signals(devices.controller.halt())?;
-        let cycle = Cycle { machine: &machine, method, plan, priors, answers };
+        let cycle = Cycle { machine: &machine, method, plan, answers };
         let ended = cycle.run(&devices, &journal, |_| (), &mut tell).await;
         ended.map_err(|error| Failure::of_cycle(&error, &args.method))
     });

@@ -119,7 +119,7 @@ async fn measure(
     let ended = run.execute().await;
     drop(motion);
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
-    let concluded = conclude(run, ended, &method, Vec::new(), &check.file.tolerance).await;
+    let concluded = conclude(run, ended, &method, &check.file.tolerance).await;
     let found = concluded.and_then(|_| {
         let refused = |why: IdentifyError| CycleError::Identification { run: id, why: why.into() };
         Found::of(&plan, &readings).map_err(refused)

@@ -100,8 +100,8 @@ impl Method for Asking {
         self.method.required_sensors(sensors)
     }
 
-    fn check_priors(&self, plan: &Plan, priors: &[Estimate]) -> Result<(), Refused> {
-        self.method.check_priors(plan, priors)
+    fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
+        self.method.check_priors(plan)
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
@@ -109,19 +109,15 @@ impl Method for Asking {
     }
 
     /// Nothing is numbered anew here, so that what is said of a step names the one in the plan.
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError> {
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+        self.method.check_priors(plan)?;
         let count = ours(plan);
         if count == 0 {
-            return self.method.identify(plan, readings, priors);
+            return self.method.identify(plan, readings);
         }
         let mut moves = plan.clone();
         moves.steps.drain(..count);
-        self.method.identify(&moves, readings, priors)
+        self.method.identify(&moves, readings)
     }
 }
 
@@ -155,12 +151,7 @@ mod tests {
             Ok(Next::Stage { stage, new_steps: vec![touch(id)] })
         }
 
-        fn identify(
-            &self,
-            plan: &Plan,
-            readings: &[Reading],
-            _: &[Estimate],
-        ) -> Result<Estimate, IdentifyError> {
+        fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
             assert!(plan.steps.iter().all(|step| step.kind == StepKind::Touch));
             assert!(plan.steps.iter().zip(readings).all(|(step, reading)| step.id == reading.step));
             Err(IdentifyError::UnknownStep { step: plan.steps[0].id })
@@ -214,7 +205,7 @@ mod tests {
         let moves = |step: &Step| step.from != step.to || step.stage != 0;
         assert!(!plan.steps[..2].iter().any(moves));
         // What is said of a step names the one in the plan.
-        let told = later.identify(&plan, &readings, &[]).unwrap_err();
+        let told = later.identify(&plan, &readings).unwrap_err();
         assert_eq!(told, IdentifyError::UnknownStep { step: 2 });
         let (nominal, stages) = super::super::nominal(method[0], header()).unwrap();
         assert_eq!((nominal.steps, stages), (plan.steps, done));

@@ -240,11 +240,10 @@ pub trait Method: Send + Sync {
         Ok(Vec::new())
     }
 
-    /// Whether this method can take these estimates as known on the machine of `plan`; asked before
-    /// anything moves. Most take none.
-    fn check_priors(&self, plan: &Plan, priors: &[Estimate]) -> Result<(), Refused> {
-        let _ = plan;
-        match priors.first() {
+    /// Whether this method can take the plan's priors as known on its machine; asked before anything moves,
+    /// and before it identifies. Most take none.
+    fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
+        match plan.priors.first() {
             None => Ok(()),
             Some(prior) => Err(Refused {
                 why: format!("this method takes no prior (given: an estimate of {})", prior.method),
@@ -263,13 +262,8 @@ pub trait Method: Send + Sync {
         Ok(Vec::new())
     }
 
-    /// Plan + readings + priors → estimate. A pure function: same input, same output.
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError>;
+    /// Plan (with its priors) + readings → estimate. A pure function: same input, same output.
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError>;
 }
 
 /// What users read of a method.

@@ -115,7 +115,7 @@ impl Again {
         let run = Run::new(summary.id, method.as_ref(), devices, journal, plan, tell);
         let mut run = run.asking(answers);
         let ended = run.resume(Interrupted { stages, readings, answered, elapsed_s }).await;
-        let estimate = conclude(run, ended, &method, Vec::new(), &machine.tolerance).await?;
+        let estimate = conclude(run, ended, &method, &machine.tolerance).await?;
         Ok((summary.id, estimate))
     }
 }

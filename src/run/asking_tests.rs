@@ -86,7 +86,7 @@ impl Method for Turning {
         Ok(Next::Stage { stage, new_steps })
     }
 
-    fn identify(&self, _: &Plan, _: &[Reading], _: &[Estimate]) -> Result<Estimate, IdentifyError> {
+    fn identify(&self, _: &Plan, _: &[Reading]) -> Result<Estimate, IdentifyError> {
         Err(IdentifyError::Numerical("nobody asks for it".to_owned()))
     }
 }

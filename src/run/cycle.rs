@@ -47,13 +47,12 @@ impl CycleError {
     }
 }
 
-/// What is to be measured, with what is known already.
+/// What is to be measured.
 pub struct Cycle<'a> {
     pub machine: &'a MachineFile,
     pub method: Arc<dyn Method>,
-    /// Without steps.
+    /// With what is known already, without steps.
     pub plan: Plan,
-    pub priors: Vec<Estimate>,
     /// Whoever is there to be asked.
     pub answers: Answers,
 }
@@ -70,14 +69,14 @@ impl Cycle<'_> {
         begun: impl FnOnce(RunId),
         tell: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
-        let Self { machine, method, plan, priors, answers } = self;
+        let Self { machine, method, plan, answers } = self;
         let new = NewRun { config: machine.text().to_owned(), plan: plan.clone() };
         let id = journal.begin(&new).await?;
         begun(id);
         let run = Run::new(id, method.as_ref(), devices, journal, plan, tell);
         let mut run = run.asking(answers);
         let ended = run.execute().await;
-        let estimate = conclude(run, ended, &method, priors, &machine.tolerance).await?;
+        let estimate = conclude(run, ended, &method, &machine.tolerance).await?;
         Ok((id, estimate))
     }
 }
@@ -91,7 +90,6 @@ pub async fn conclude(
     run: Run<'_>,
     ended: Result<(), RunError>,
     method: &Arc<dyn Method>,
-    priors: Vec<Estimate>,
     tolerance: &[Limit],
 ) -> Result<Estimate, CycleError> {
     let can_resume = run.can_resume();
@@ -101,7 +99,7 @@ pub async fn conclude(
     }
     let text = format!("identifying from {} readings", readings.len());
     tell(&Event::Announced { text });
-    let found = identify(method, plan, readings, priors, &devices.controller.halt()).await;
+    let found = identify(method, plan, readings, &devices.controller.halt()).await;
     let found = found.map(|estimate| judged(estimate, tolerance));
     let stored = store_identification(journal, id, found).await;
     stored.map_err(|why| CycleError::Identification { run: id, why })

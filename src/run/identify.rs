@@ -72,14 +72,10 @@ pub(super) async fn identify(
     method: &Arc<dyn Method>,
     plan: Plan,
     readings: Vec<Reading>,
-    priors: Vec<Estimate>,
     halt: &Halt,
 ) -> Result<Estimate, Unidentified> {
     let method = method.clone();
-    let mut result = compute(move || {
-        let estimate = method.identify(&plan, &readings, &priors)?;
-        Ok::<_, IdentifyError>(naming_priors(estimate, &priors))
-    });
+    let mut result = compute(move || identified(method.as_ref(), &plan, &readings));
     loop {
         // An answer not yet there leaves the receiver as it was.
         if let Ok(found) = tokio::time::timeout(STOP_POLL, &mut result).await {
@@ -110,7 +106,7 @@ pub(super) fn stored_setup(
 pub fn identify_stored(stored: StoredRun) -> Result<Estimate, Unidentified> {
     let unreadable = |error| Unidentified::Setup(Box::new(error));
     let (machine, method) = stored_setup(&stored).map_err(unreadable)?;
-    let estimate = method.identify(&stored.plan, &stored.readings, &[])?;
+    let estimate = identified(method.as_ref(), &stored.plan, &stored.readings)?;
     Ok(judged(estimate, &machine.tolerance))
 }
 
@@ -148,10 +144,18 @@ pub async fn store_identification(
     }
 }
 
-/// The estimate with the hashes of the estimates that were taken as known: those of the journal.
-pub fn naming_priors(mut estimate: Estimate, priors: &[Estimate]) -> Estimate {
-    estimate.priors = priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
-    estimate
+/// What the readings of the plan show, with the hashes of its priors: those of the journal.
+///
+/// # Errors
+/// As [`Method::identify`].
+pub fn identified(
+    method: &dyn Method,
+    plan: &Plan,
+    readings: &[Reading],
+) -> Result<Estimate, IdentifyError> {
+    let mut estimate = method.identify(plan, readings)?;
+    estimate.priors = plan.priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
+    Ok(estimate)
 }
 
 /// The estimate with its verdict, and a warning for every limit that nothing answers to.

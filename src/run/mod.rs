@@ -34,8 +34,7 @@ pub use behind::{ANSWERING, behind};
 pub use cycle::{Cycle, CycleError, conclude};
 pub use error::RunError;
 pub use identify::{
-    Unidentified, identify_stored, judged, naming_priors, start_identification,
-    store_identification,
+    Unidentified, identified, identify_stored, judged, start_identification, store_identification,
 };
 pub use resume::{Interrupted, can_resume};
 pub use stage::{Rehearsed, rehearse};

@@ -302,9 +302,9 @@ impl Attendant {
             capture.iter().for_each(|capture| capture.is_of(id));
             self.desk.show(|board| board.run = u32::try_from(id.0).unwrap_or(u32::MAX));
         };
-        let (machine, priors) = (&self.machine, Vec::new());
+        let machine = &self.machine;
         let (method, answers) = (method.into(), self.desk.answers(self.config.patience));
-        let cycle = run::Cycle { machine, method, plan, priors, answers };
+        let cycle = run::Cycle { machine, method, plan, answers };
         let ended = cycle.run(&devices, journal, begun, &mut tell).await;
         capture.into_iter().for_each(Begun::finish);
         Ok(ended?)

@@ -83,6 +83,7 @@ pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value
         keepout: file.keepout.clone(),
         solids: file.solids.clone(),
         artefact: file.artefact.clone(),
+        priors: Vec::new(),
         gaps_s: Vec::new(),
         steps: Vec::new(),
     }

@@ -159,7 +159,7 @@ impl Rig {
             let flag = if is_missing { Flag::Excluded } else { Flag::None };
             readings.push(Reading { flag, ..play(&mut world, step) });
         }
-        self.method.identify(&self.plan, &readings, &[]).unwrap()
+        self.method.identify(&self.plan, &readings).unwrap()
     }
 
     /// Of each error motion: share of the points of its curve whose U holds the truth.

@@ -40,7 +40,7 @@ impl Method for FirstRound {
         Ok(Next::Stage { stage, new_steps })
     }
 
-    fn identify(&self, _: &Plan, _: &[Reading], _: &[Estimate]) -> Result<Estimate, IdentifyError> {
+    fn identify(&self, _: &Plan, _: &[Reading]) -> Result<Estimate, IdentifyError> {
         Err(IdentifyError::Numerical("not needed".to_owned()))
     }
 }

@@ -35,7 +35,7 @@ fn u_of_a_difference_is_true_where_sources_are_common() {
         let [first, second] = [(); 2].map(|()| {
             let (plan, readings) =
                 plan_player::measure(&mut world, method.as_ref(), header.clone());
-            method.identify(&plan, &readings, &[]).expect("an estimate")
+            method.identify(&plan, &readings).expect("an estimate")
         });
         let common = common_sources(&first, &second);
         assert_eq!(common, ["stylus offset", "probe lobing", "error motions of X and Y"]);

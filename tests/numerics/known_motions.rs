@@ -5,6 +5,7 @@ use std::f64::consts::TAU;
 
 use machine::Axis;
 use machine::record::estimate::{Estimate, Function, Parameter};
+use machine::record::plan::Plan;
 use rayon::prelude::*;
 use serde_json::{Value as Json, json};
 use simulator::World;
@@ -141,9 +142,9 @@ fn estimates(file: &MachineFile, priors: &[Prior]) -> (Vec<Estimate>, [f64; 2]) 
     let (method, header) = setup::header(file, "self-calibration", None).unwrap();
     let mut world = setup::world(file).unwrap();
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
-    let identify = |given: &[Estimate]| method.identify(&plan, &readings, given).unwrap();
-    let with = priors.iter().map(|prior| identify(&[prior.estimate(&world)]));
-    let estimates = std::iter::once(identify(&[])).chain(with).collect();
+    let with = priors.iter().map(|prior| vec![prior.estimate(&world)]);
+    let identify = |priors| method.identify(&Plan { priors, ..plan.clone() }, &readings).unwrap();
+    let estimates = std::iter::once(Vec::new()).chain(with).map(identify).collect();
     let middle = (readings[5].t_s + readings[readings.len() - 1].t_s) / 2.0;
     (estimates, world.true_axis_mm(Axis::C, 50.0, middle).map(|mm| mm * 1e3))
 }
@@ -270,7 +271,8 @@ fn regress_u_of_known_motions_keeps_their_correlation() {
         for (i, u) in places {
             places.iter().for_each(|(j, other)| covariance.rows[i][*j] = u * other);
         }
-        let estimate = method.identify(&plan, &readings, &[prior]).unwrap();
+        let plan = Plan { priors: vec![prior], ..plan.clone() };
+        let estimate = method.identify(&plan, &readings).unwrap();
         let lines = &parameter(&estimate, location).budget;
         lines.iter().find(|line| line.source == "estimate of ball-plate").map_or(0.0, |line| line.u)
     };

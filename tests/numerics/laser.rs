@@ -25,7 +25,7 @@ fn estimate(file: &MachineFile) -> Estimate {
     let (method, header) = setup::header(file, METHOD, None).expect("settings");
     let mut world = setup::world(file).expect("a world");
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
-    method.identify(&plan, &readings, &[]).expect("an estimate")
+    method.identify(&plan, &readings).expect("an estimate")
 }
 
 /// What is off of each parameter of [`TRUTH`], um and urad, and its standard uncertainty.

@@ -105,7 +105,7 @@ fn played(file: MachineFile, seed: u64) -> Played {
 
 impl Played {
     fn estimate(&self) -> Result<Estimate, IdentifyError> {
-        self.method.identify(&self.plan, &self.readings, &[])
+        self.method.identify(&self.plan, &self.readings)
     }
 
     /// The motion at [`POINTS`] angles of a revolution in the unit of the estimate, less the co-rotating first order
@@ -506,7 +506,7 @@ fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
     let truth = MachineFile::parse("truth.toml", toml::to_string(&truth).unwrap()).unwrap();
     let (plan, readings) =
         plan_player::measure(&mut setup::world(&truth).unwrap(), method.as_ref(), header);
-    method.identify(&plan, &readings, &[]).unwrap()
+    method.identify(&plan, &readings).unwrap()
 }
 
 #[test]

@@ -64,7 +64,7 @@ fn played(table: &Table, method: &str) -> Played {
 /// The estimate, and the true position of the axis in the middle of the run from the stated one, mm.
 fn measured(table: &Table, method: &str) -> (Estimate, Vector2<f64>) {
     let Played { method, plan, readings, world } = played(table, method);
-    let estimate = method.identify(&plan, &readings, &[]).unwrap();
+    let estimate = method.identify(&plan, &readings).unwrap();
     let times = readings.iter().map(|reading| reading.t_s);
     let middle = times.clone().sum::<f64>() / times.count() as f64;
     // Against the stated axis: linear axes and stylus offset are errors of the result, and the table drifts.
@@ -175,12 +175,12 @@ fn swapped_sensors_are_refused_before_the_table_turns() {
 #[test]
 fn an_interruption_is_a_step_and_a_scan_stopped_twice_has_one() {
     let Played { method, mut plan, readings, .. } = played(&machine(1), "r-test");
-    let plain = method.identify(&plan, &readings, &[]).unwrap();
+    let plain = method.identify(&plan, &readings).unwrap();
     let turns = plan.steps.iter().find(|step| step.label == "turn/forward").unwrap().id;
     let begins_s = readings.iter().find(|reading| reading.step == turns).unwrap().t_s;
     // Both before the turn as it was measured at last.
     plan.gaps_s = vec![begins_s - 0.2, begins_s - 0.1];
-    let stopped = method.identify(&plan, &readings, &[]).unwrap();
+    let stopped = method.identify(&plan, &readings).unwrap();
     assert_eq!(stopped.unknowns, plain.unknowns + 3);
     assert!(stopped.warnings.iter().any(|line| line.contains("interrupted")));
     for (one, other) in plain.parameters.iter().zip(&stopped.parameters) {
@@ -193,6 +193,6 @@ fn without_turns_there_is_no_estimate() {
     let Played { method, mut plan, mut readings, .. } = played(&machine(1), "r-test");
     plan.steps.retain(|step| !step.label.starts_with("turn/"));
     readings.retain(|reading| plan.steps.iter().any(|step| step.id == reading.step));
-    let refused = method.identify(&plan, &readings, &[]).unwrap_err();
+    let refused = method.identify(&plan, &readings).unwrap_err();
     assert!(refused.to_string().contains("the table has not turned"), "{refused}");
 }

@@ -34,7 +34,7 @@ fn estimate(file: &MachineFile) -> (Estimate, [f64; 4]) {
     let (method, header) = setup::header(file, "self-calibration", None).expect("settings");
     let mut world = setup::world(file).expect("a world");
     let (plan, readings) = plan_player::measure(&mut world, method.as_ref(), header);
-    let estimate = method.identify(&plan, &readings, &[]).expect("an estimate");
+    let estimate = method.identify(&plan, &readings).expect("an estimate");
     let cycle: Vec<f64> = readings.iter().skip(5).map(|reading| reading.t_s).collect();
     let middle = (cycle[0] + cycle[cycle.len() - 1]) / 2.0;
     let [x, y] = world.true_axis_mm(Axis::C, 50.0, middle);
@@ -200,7 +200,7 @@ fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
         readings.push(plan_player::play(&mut later, newest(place), REPEAT_AFTER_STOP));
     }
     readings.extend(cycle[kept..].iter().map(|step| plan_player::play(&mut later, step, 0)));
-    let estimate = method.identify(&plan, &readings, &[]).expect("an estimate");
+    let estimate = method.identify(&plan, &readings).expect("an estimate");
 
     // The middle of the time in which somebody measured.
     let (first, end) = (readings[5].t_s, readings[readings.len() - 1].t_s);

@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::artefact::Artefact;
+use super::estimate::Estimate;
 use super::machine::{Keepout, Machine, Probe, Solid};
 use super::sensor::Sensor;
 use super::watch::WatchedSensor;
@@ -32,6 +33,9 @@ pub struct Plan {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
+    /// Estimates of other runs that are taken as known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub priors: Vec<Estimate>,
     /// Times of the readings' clock, s, at which the measurement was interrupted: each is that of the
     /// last reading before. What was measured before and after may lie apart.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]

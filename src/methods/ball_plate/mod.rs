@@ -78,13 +78,7 @@ impl Method for BallPlate {
             .map_err(|error| Refused::new(error.to_string(), error.remedy()))
     }
 
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(plan, priors)?;
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         identify::identify(plan, &self.settings, readings)
     }
 }

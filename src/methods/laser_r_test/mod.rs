@@ -84,13 +84,7 @@ impl Method for LaserRTest {
         }
     }
 
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(plan, priors)?;
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         let bench = Bench::new(plan, &self.settings)?;
         identify::identify(&bench, readings)
     }

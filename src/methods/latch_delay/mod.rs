@@ -81,13 +81,7 @@ impl Method for LatchDelay {
         Ok(Next::Stage { stage: Stage { id, name, repeat: 0, steps, found: None }, new_steps })
     }
 
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(plan, priors)?;
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         let (observed, fitted, scan) = look(plan, readings)?;
         Ok(estimate::estimate(plan, &observed, &fitted, &scan))
     }

@@ -80,13 +80,7 @@ impl Method for Multiprobe {
         crate::named_sensors(NAME, &self.settings.sensors, sensors)
     }
 
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(plan, priors)?;
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         estimate::estimate(plan, &self.settings, readings)
     }
 }

@@ -59,13 +59,7 @@ impl Method for RTest {
         crate::named_sensors(NAME, &self.settings.sensors, sensors)
     }
 
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(plan, priors)?;
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         identify::identify(plan, &self.settings, readings)
     }
 }

@@ -95,13 +95,7 @@ impl Method for Samba {
         ball_measurement::next(&bench.measurement(), &visits, done, source)
     }
 
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError> {
-        self.check_priors(plan, priors)?;
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         identify::identify(plan, &self.settings, readings)
     }
 }

@@ -145,19 +145,14 @@ impl Method for SelfCalibration {
         self.cycle(plan, &planner, part)
     }
 
-    fn check_priors(&self, plan: &Plan, priors: &[Estimate]) -> Result<(), Refused> {
+    fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
         let axis = TableAxis::new(plan, &self.settings)?;
-        KnownMotions::new(axis.axis, priors).map(drop)
+        KnownMotions::new(axis.axis, &plan.priors).map(drop)
     }
 
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError> {
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         let planner = Planner::new(plan, &self.settings)?;
-        let known = KnownMotions::new(planner.axis().axis, priors)?;
+        let known = KnownMotions::new(planner.axis().axis, &plan.priors)?;
         identify::identify(plan, &self.settings, &planner, &known, readings)
     }
 }

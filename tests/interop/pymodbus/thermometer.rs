@@ -49,7 +49,7 @@ async fn run(
     let mut run = trued::run::Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
     run.execute().await.unwrap();
     let (plan, readings) = (run.plan.clone(), run.readings.clone());
-    let estimate = method.identify(&plan, &readings, &[]).unwrap();
+    let estimate = method.identify(&plan, &readings).unwrap();
     journal.estimate(id, &estimate).await.unwrap();
     let stored = journal.load(id).unwrap();
     assert_eq!((stored.summary.state, &stored.readings), (RunState::Finished, &readings));

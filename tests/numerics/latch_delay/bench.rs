@@ -62,7 +62,7 @@ impl World {
 
 pub fn identified(plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     let method = methods::configure("latch-delay", plan.settings.clone()).unwrap();
-    method.identify(plan, readings, &[])
+    method.identify(plan, readings)
 }
 
 pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {

@@ -90,7 +90,7 @@ impl Measured {
         readings: Vec<Reading>,
     ) -> Result<Self, Failed> {
         let estimate = method
-            .identify(&plan, &readings, &[])
+            .identify(&plan, &readings)
             .map_err(|error| Failed(format!("{error}; {}", error.remedy())))?;
         let text: Table = file.text().parse().unwrap();
         let errors = text["simulated"]["errors"].as_table().unwrap().clone();
@@ -207,13 +207,8 @@ impl Method for Beginning {
         if done.len() < self.stages { self.method.next(plan, done, source) } else { Ok(Next::Done) }
     }
 
-    fn identify(
-        &self,
-        plan: &Plan,
-        readings: &[Reading],
-        priors: &[Estimate],
-    ) -> Result<Estimate, IdentifyError> {
-        self.method.identify(plan, readings, priors)
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+        self.method.identify(plan, readings)
     }
 }
 

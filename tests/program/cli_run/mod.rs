@@ -96,6 +96,7 @@ pub fn trials() -> Trials {
         results::regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate,
         resume::a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate,
         resume::a_run_survives_any_number_of_ends,
+        resume::a_resumed_run_takes_as_known_what_it_began_with,
         resume::a_control_that_is_not_ready_refuses_and_the_run_stays,
         resume::a_part_that_moved_closes_the_run_and_what_was_measured_stays,
         resume::what_too_few_readings_cannot_tell_is_named,

@@ -5,7 +5,7 @@
 
 use std::process::{Output, Stdio};
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
 use super::stops::signal;
 use super::{MachineShop, changed, estimate, machine, stderr, tells, with_control};
@@ -71,6 +71,40 @@ fn agrees(resumed: &Value) {
         assert!(apart < most, "{symbol}: {value} and {uninterrupted} ± {expanded}");
         // A step that is fitted costs something, but not much.
         assert!(expanded >= u_whole && expanded < 1.6 * u_whole, "{symbol}: {expanded} {u_whole}");
+    }
+}
+
+/// Error motions of C that the machine does not have: 8 µm along X in the eighth harmonic, 1 at all eight positions.
+fn eighth_harmonic() -> Value {
+    let degrees: Vec<f64> = (0..=72).map(|i| 5.0 * f64::from(i)).collect();
+    let values: Vec<f64> = degrees.iter().map(|deg| 8.0 * (8.0 * deg).to_radians().cos()).collect();
+    json!({
+        "trued_estimate": 1, "method": "ball-plate", "parameters": [],
+        "functions": [{
+            "symbol": "EXC", "argument": "C", "argument_unit": "deg", "x": degrees, "unit": "um",
+            "y": values, "u": vec![0.1; degrees.len()],
+        }],
+        "covariance": {"symbols": [], "rows": []}, "rank": 1, "unknowns": 1, "condition": 1.0,
+        "gauge": [], "not_identifiable": [], "residual_rms_um": 0.0, "degrees_of_freedom": 0,
+        "chi2_per_dof": 1.0, "verdict": "none", "warnings": [], "priors": [],
+    })
+}
+
+/// What a run takes as known is kept with it: stopped and resumed, and where it is identified once more.
+pub fn a_resumed_run_takes_as_known_what_it_began_with() {
+    let bench = GrblControl::start(&machine());
+    let shop = shop(&bench);
+    std::fs::write(shop.path("motions.json"), eighth_harmonic().to_string()).unwrap();
+    let mut run = shop.run_command();
+    run.args(["--with", &shop.file("motions.json")]);
+    stopped(&bench, run, "N25 G38.3", "INT");
+    let resumed = estimate(&resume(&shop));
+    let again = shop.json(&["identify", "self-calibration", "--run", "1", "--json"]);
+    for estimate in [&resumed, &again] {
+        assert_eq!(estimate["priors"].as_array().unwrap().len(), 1, "{estimate}");
+        let (value, expanded) = found(estimate, "EX0C");
+        println!("EX0C {value} ± {expanded}");
+        assert!((value - (TRUTH_UM[0].1 - 8.0)).abs() < 1.5 * expanded, "{value} ± {expanded}");
     }
 }
 

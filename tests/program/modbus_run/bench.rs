@@ -36,7 +36,7 @@ impl Measured {
     }
 
     pub fn estimate(&self) -> Estimate {
-        self.method.identify(&self.plan, &self.readings, &[]).unwrap()
+        self.method.identify(&self.plan, &self.readings).unwrap()
     }
 }
 

@@ -50,6 +50,7 @@ pub fn plan(settings: &Settings) -> Plan {
         keepout: Vec::new(),
         solids: Vec::new(),
         artefact: Artefact::Balls(rumba()),
+        priors: Vec::new(),
         gaps_s: Vec::new(),
         steps: Vec::new(),
     }

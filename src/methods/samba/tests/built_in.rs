@@ -36,6 +36,7 @@ pub fn plan() -> Plan {
         keepout: Vec::new(),
         solids: Vec::deserialize(part("solid")).unwrap(),
         artefact: part("artefact").try_into().unwrap(),
+        priors: Vec::new(),
         gaps_s: Vec::new(),
         steps: Vec::new(),
     }

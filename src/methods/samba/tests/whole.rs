@@ -144,6 +144,7 @@ impl World {
             keepout: Vec::new(),
             solids: Vec::new(),
             artefact: Artefact::Balls(balls),
+            priors: Vec::new(),
             gaps_s: Vec::new(),
             steps,
         }
