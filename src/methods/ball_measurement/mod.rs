@@ -4,19 +4,28 @@
 
 mod artefact;
 mod effects;
+mod indexations;
 mod interruptions;
 mod known;
 mod label;
 mod observe;
+mod order;
 mod review;
+mod rotary;
 mod setup;
 mod sources;
 mod stages;
 
 pub use artefact::balls;
 pub use effects::{nonzero_columns, nonzero_runs, shifts};
+pub use indexations::{
+    NamedPositions, RotaryPositions, indexations, is_parallel, is_rotary, is_same, tilts_spindle,
+    tilts_table,
+};
 pub use label::{Label, Pass};
 pub use observe::{BallCentre, Observed, Touch, observe, stated_balls};
+pub use order::{balls_in_order, in_order};
+pub use rotary::rotary_source;
 pub use setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
 pub use sources::touch_sources;
 pub use stages::{machine_time_s, next};

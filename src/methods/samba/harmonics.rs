@@ -1,7 +1,7 @@
 //! Error motions that the positions of a rotary axis cannot tell from its location errors.
 
 use super::model::Model;
-use super::parameters::tilts_table;
+use crate::ball_measurement::tilts_table;
 use machine::kinematics::Shape;
 use machine::{Axis, Position};
 

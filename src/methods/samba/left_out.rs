@@ -1,8 +1,9 @@
 //! Errors that a machine of this kind has by its standards, and that this measurement does not give.
 
 use super::model::Model;
-use super::parameters::{implied, tilts_spindle};
+use super::parameters::implied;
 use super::separable::{Beside, Way};
+use crate::ball_measurement::tilts_spindle;
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, Shape};
 

@@ -3,12 +3,10 @@
 use super::separable::Way;
 use super::settings::{Settings, Spindle};
 use crate::Refused;
+use crate::ball_measurement::tilts_spindle;
+use machine::Axis;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::record::plan::Plan;
-use machine::{Axis, Position};
-
-/// Change of the spindle's direction over one radian that an axis about it does not make.
-const LEANS: f64 = 1e-6;
 
 /// Turning axes that stay at zero whatever the design: the spindle where it is not oriented, and an axis
 /// that tilts the spindle. Balls are touched from above only; a plan of somebody else's that tilts the
@@ -25,20 +23,6 @@ pub fn standing(plan: &Plan, settings: &Settings, chain: &Chain) -> Vec<Axis> {
         _ => tilts_spindle(chain, *axis) && !turned(*axis),
     };
     topology.axes().filter(|axis| !axis.is_linear()).filter(stands).collect()
-}
-
-/// Whether the spindle leans over as the axis turns: one of the head, and not parallel to the spindle.
-pub fn tilts_spindle(chain: &Chain, axis: Axis) -> bool {
-    let upright = |position: &Position| chain.machine_from_spindle(position, &[]).rotation[(2, 2)];
-    let turned = Position::new().with(axis, 1.0);
-    !axis.is_linear() && upright(&turned) < upright(&Position::new()) - LEANS
-}
-
-/// Whether the table leans over as the axis turns.
-pub fn tilts_table(chain: &Chain, axis: Axis) -> bool {
-    let upright = |position: &Position| chain.machine_from_table(position, &[]).rotation[(2, 2)];
-    !axis.is_linear()
-        && upright(&Position::new().with(axis, 1.0)) < upright(&Position::new()) - LEANS
 }
 
 /// The user's `names`, or without names what the topology implies.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::Refused;
-use crate::ball_measurement::{Find, TouchSettings};
+use crate::ball_measurement::{Find, NamedPositions, RotaryPositions, TouchSettings};
 
 /// How the indexations are chosen.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -114,6 +114,21 @@ impl Settings {
             search_mm: self.search_mm,
             form_limit_mm: self.form_limit_um * 1e-3,
             diameter_limit_mm: self.diameter_limit_um * 1e-3,
+        }
+    }
+
+    /// Where the axes may stand; with those of the spindle where it is `oriented`.
+    pub fn positions(&self, oriented: bool) -> RotaryPositions<'_> {
+        let usual = Self::default();
+        let named = |key, degrees, default: &[f64]| NamedPositions {
+            key,
+            degrees,
+            is_default: degrees == default,
+        };
+        RotaryPositions {
+            tilt: named("tilt_deg", &self.tilt_deg, &usual.tilt_deg),
+            turn: named("turn_deg", &self.turn_deg, &usual.turn_deg),
+            spindle: oriented.then(|| named("spindle_deg", &self.spindle_deg, &usual.spindle_deg)),
         }
     }
 

@@ -1,10 +1,8 @@
 //! Sources of uncertainty as changes of the observations: X, Y, Z of each measurement (machine frame,
 //! mm), then each certified length (mm).
 
-mod rotary;
-
 use super::model::length_u_parts_mm;
-use crate::ball_measurement::{Observed, nonzero_runs, touch_sources};
+use crate::ball_measurement::{Observed, nonzero_runs, rotary_source, touch_sources};
 use crate::identification::{InResiduals, ObservationRun, UncertaintySource};
 use machine::kinematics::Chain;
 use machine::record::artefact::Length;
@@ -21,8 +19,7 @@ pub fn sources(
     lengths: &[Length],
 ) -> Vec<UncertaintySource> {
     let mut list = touch_sources(plan, observed);
-    let rotary = rotary::error_motions(plan, chain, observed);
-    let rotary = UncertaintySource::new("error motions of rotary axes", rotary);
+    let rotary = rotary_source(plan, chain, observed);
     list.insert(ROTARY_PLACE.min(list.len()), rotary);
     list.extend(certificates(observed.centres.len(), lengths));
     list.retain(|source| source.draws() > 0);

@@ -1,8 +1,8 @@
 //! What a reader of the estimate must know beside its numbers.
 
-use super::parameters::tilts_table;
 use super::solution::GeometrySolution;
 use super::suspects::Outlier;
+use crate::ball_measurement::tilts_table;
 use crate::identification::{Identification, MisfitAdvice};
 use machine::Position;
 use machine::kinematics::{ErrorParameter, Shape};

@@ -3,17 +3,17 @@
 
 use nalgebra::Vector3;
 
-use super::indexation::oriented;
 use super::information::{Bar, Information, Sight};
 use crate::Refused;
-use crate::ball_measurement::{MeasurementSetup, balls, describe_position};
+use crate::ball_measurement::{MeasurementSetup, balls, describe_position, tilts_spindle};
 use crate::samba::model::{Model, length_u_mm};
-use crate::samba::parameters::{self, tilts_spindle};
+use crate::samba::parameters;
 use crate::samba::separable::{Way, directions};
-use crate::samba::settings::Settings;
+use crate::samba::settings::{self, Settings};
 use machine::frame::unit_vector;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::record::artefact::{Ball, Balls, Length};
+use machine::record::machine::Machine;
 use machine::record::plan::Plan;
 use machine::{Axis, Position, frame::Point, frame::Spindle};
 
@@ -42,7 +42,7 @@ impl<'a> Bench<'a> {
         let set = balls(crate::samba::NAME, &plan.artefact)?;
         settings.check()?;
         let chain = Chain::new(&plan.machine)?;
-        let oriented = oriented(&plan.machine, settings)?.is_some();
+        let oriented = oriented(&plan.machine, settings)?;
         let stands = parameters::standing(plan, settings, &chain);
         let lengths = directions(set);
         let way = Way { chain: &chain, stands: &stands, lengths: &lengths };
@@ -127,6 +127,24 @@ impl<'a> Bench<'a> {
             _ => ANGLE,
         })
     }
+}
+
+/// Whether the spindle turns with the design.
+///
+/// # Errors
+/// `spindle = "orient"` on a machine that declares no axis S.
+fn oriented(machine: &Machine, settings: &Settings) -> Result<bool, Refused> {
+    let is_declared = machine.axes.contains_key(&Axis::S);
+    if settings.spindle == settings::Spindle::Orient && !is_declared {
+        return Err(Refused {
+            why: "the spindle cannot be oriented: the machine file declares no axis S".to_owned(),
+            instead:
+                "describe [axes.S], or choose spindle = \"fixed\": then the offset of the spindle \
+                      (EX0S, EY0S) is told together with that of the stylus"
+                    .to_owned(),
+        });
+    }
+    Ok(is_declared && settings.spindle != settings::Spindle::Fixed)
 }
 
 /// An axis that stays where it is has no errors of its own to show: refused where they were asked for.

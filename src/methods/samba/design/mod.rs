@@ -2,9 +2,7 @@
 
 mod bench;
 mod choose;
-mod indexation;
 mod information;
-mod order;
 mod paper;
 mod survey;
 
@@ -20,7 +18,7 @@ use self::choose::{Budget, LEAST_VISITS, choose};
 use self::information::Sight;
 use super::settings::Design as Kind;
 use crate::Refused;
-use crate::ball_measurement::{Visit, describe_position};
+use crate::ball_measurement::{Visit, balls_in_order, describe_position, in_order, indexations};
 use machine::record::artefact::Ball;
 use machine::{Axis, Position};
 use planning::Access;
@@ -49,7 +47,9 @@ pub fn design(
     let candidates = Candidates::new(bench, &access)?;
     let visits = match bench.settings.design {
         // In the order that its definition gives.
-        Kind::Paper => order::balls_in_order(bench, &access, paper::visits(bench, &candidates)?)?,
+        Kind::Paper => {
+            balls_in_order(&bench.measurement(), &access, paper::visits(bench, &candidates)?)?
+        }
         Kind::Optimal => optimal(bench, (&candidates, &access), time_s)?,
     };
     survey::check(bench, &visits)?;
@@ -68,8 +68,8 @@ fn optimal(
     let chosen = choose(sights, balls, bench.nothing(), budget, settings.criterion)?;
     let first = |count: usize| {
         let some = chosen.sights.get(..count).unwrap_or_default();
-        let visits = order::in_order(&bench.plan.machine, candidates.visits(some));
-        order::balls_in_order(bench, access, visits)
+        let visits = in_order(&bench.plan.machine, candidates.visits(some));
+        balls_in_order(&bench.measurement(), access, visits)
     };
     if settings.minutes == 0.0 {
         return first(chosen.sights.len());
@@ -101,11 +101,17 @@ impl Candidates {
     /// # Errors
     /// An indexation outside the limits; a ball that fewer than three indexations show.
     pub fn new(bench: &Bench<'_>, access: &Access) -> Result<Self, Refused> {
-        let (machine, settings, way) = (&bench.plan.machine, bench.settings, bench.model.way());
-        let at = match settings.design {
-            Kind::Optimal => indexation::candidates(machine, settings, way)?,
-            Kind::Paper => paper::candidates(machine, settings, way)?,
+        let paper;
+        let settings = match bench.settings.design {
+            Kind::Optimal => bench.settings,
+            Kind::Paper => {
+                paper = paper::settings(bench.settings);
+                &paper
+            }
         };
+        let positions = settings.positions(bench.oriented);
+        let chain = bench.model.chain();
+        let at = indexations(crate::samba::NAME, &bench.plan.machine, chain, &positions)?;
         let mut sights = Vec::new();
         for (ball, of) in bench.balls.balls.iter().enumerate() {
             let (mut count, mut why_not) = (0, BTreeMap::<String, &Position>::new());

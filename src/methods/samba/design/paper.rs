@@ -9,13 +9,10 @@
 //! accessible there 109 are kept: again and again, of the triple with the most balls, the ball that is
 //! measured most often is left out.
 
-use super::indexation::{self, is_parallel, is_rotary, is_same};
 use super::{Bench, Candidates};
 use crate::Refused;
-use crate::ball_measurement::Visit;
-use crate::samba::separable::Way;
+use crate::ball_measurement::{Visit, is_parallel, is_rotary, is_same};
 use crate::samba::settings::Settings;
-use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
 const TILTS_DEG: [f64; 9] = [-90.0, -60.0, -30.0, -10.0, 0.0, 10.0, 30.0, 60.0, 90.0];
@@ -43,22 +40,14 @@ fn triples() -> Vec<[usize; 3]> {
     triples
 }
 
-/// All combinations of the paper's positions.
-///
-/// # Errors
-/// A position that the machine does not reach.
-pub fn candidates(
-    machine: &Machine,
-    settings: &Settings,
-    way: Way<'_>,
-) -> Result<Vec<Position>, Refused> {
-    let usual = Settings {
+/// With the paper's positions.
+pub fn settings(settings: &Settings) -> Settings {
+    Settings {
         tilt_deg: TILTS_DEG.to_vec(),
         turn_deg: QUARTERS_DEG.to_vec(),
         spindle_deg: QUARTERS_DEG.to_vec(),
         ..settings.clone()
-    };
-    indexation::candidates(machine, &usual, way)
+    }
 }
 
 /// In measuring order.

@@ -1,9 +1,8 @@
 //! In which order the indexations follow each other, and the balls at each.
 
-use super::Bench;
-use super::indexation::is_parallel;
+use super::indexations::is_parallel;
+use super::setup::{Find, MeasurementSetup, Visit};
 use crate::Refused;
-use crate::ball_measurement::{Find, Visit};
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 use planning::{Access, tour};
@@ -14,21 +13,21 @@ use planning::{Access, tour};
 /// # Errors
 /// A ball whose place cannot be computed.
 pub fn balls_in_order(
-    bench: &Bench<'_>,
+    setup: &MeasurementSetup<'_>,
     access: &Access,
     mut visits: Vec<Visit>,
 ) -> Result<Vec<Visit>, Refused> {
-    let back = bench.settings.find == Find::Every;
+    let back = setup.touch.find == Find::Every;
     let mut stands: Option<Position> = None;
     for visit in &mut visits {
-        let balls = visit.balls.iter().filter_map(|index| bench.balls.balls.get(*index));
+        let balls = visit.balls.iter().filter_map(|index| setup.balls.balls.get(*index));
         let places =
             balls.map(|ball| access.centre(ball, &visit.at)).collect::<Result<Vec<_>, _>>();
         let places = places.map_err(|error| Refused {
             why: error.to_string(),
             instead: "correct [axes] in the machine file".to_owned(),
         })?;
-        let order = tour(&places, stands.as_ref(), &bench.plan.machine);
+        let order = tour(&places, stands.as_ref(), &setup.plan.machine);
         let end = if back { order.first() } else { order.last() };
         stands = end.and_then(|place| places.get(*place)).cloned().or(stands);
         visit.balls = order.iter().filter_map(|place| visit.balls.get(*place).copied()).collect();

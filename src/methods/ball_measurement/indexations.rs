@@ -8,10 +8,8 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use crate::Refused;
-use crate::samba::parameters::tilts_spindle;
-use crate::samba::separable::Way;
-use crate::samba::settings::{Settings, Spindle};
 use machine::frame::unit_vector;
+use machine::kinematics::Chain;
 use machine::record::machine::{AxisSpec, Machine};
 use machine::{Axis, Position};
 
@@ -28,58 +26,75 @@ struct Grid {
     at: Vec<f64>,
 }
 
-/// All combinations of the positions that the settings name, as far as the axes reach them. A rotary
-/// axis parallel to the spindle takes those of `turn_deg`, any other those of `tilt_deg`, counted as
-/// the axis is commanded; one that tilts the spindle stays at 0.
+/// Change of the spindle's direction over one radian that an axis about it does not make.
+const LEANS: f64 = 1e-6;
+
+/// Positions of one kind of axis that the settings name, degrees.
+#[derive(Debug, Clone, Copy)]
+pub struct NamedPositions<'a> {
+    /// The key in the settings.
+    pub key: &'static str,
+    pub degrees: &'a [f64],
+    /// The defaults are cut to what the axis reaches.
+    pub is_default: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+pub struct RotaryPositions<'a> {
+    /// Of rotary axes that tilt the part.
+    pub tilt: NamedPositions<'a>,
+    /// Of a rotary axis parallel to the spindle.
+    pub turn: NamedPositions<'a>,
+    /// Of the axis S; `None`: the spindle stays as it is.
+    pub spindle: Option<NamedPositions<'a>>,
+}
+
+/// All combinations of the positions that are named, as far as the axes reach them, counted as the axis is
+/// commanded. An axis that tilts the spindle stays at 0.
 ///
 /// # Errors
 /// No rotary axis; a position that the settings name and the axis cannot reach (the defaults are cut
-/// to what it reaches); a spindle that cannot stand upright, or shall be oriented without an axis S.
-pub fn candidates(
+/// to what it reaches); a spindle that cannot stand upright.
+pub fn indexations(
+    method: &str,
     machine: &Machine,
-    settings: &Settings,
-    way: Way<'_>,
+    chain: &Chain,
+    named: &RotaryPositions<'_>,
 ) -> Result<Vec<Position>, Refused> {
     let rotary = machine.axes.iter().filter(|(axis, _)| is_rotary(**axis));
+    let of_axis = |axis: Axis| if is_parallel(axis, machine) { &named.turn } else { &named.tilt };
     let mut grids = rotary
-        .map(|(axis, spec)| match tilts_spindle(way.chain, *axis) {
+        .map(|(axis, spec)| match tilts_spindle(chain, *axis) {
             true => upright(*axis, spec),
-            false => grid(*axis, spec, settings),
+            false => grid(*axis, spec, of_axis(*axis)),
         })
         .collect::<Result<Vec<_>, _>>()?;
     if grids.is_empty() {
         return Err(Refused {
-            why: "samba turns the artefact; this machine has no rotary axis".to_owned(),
+            why: format!("{method} turns the artefact; this machine has no rotary axis"),
             instead: "describe the rotary axes in [axes] and in the topology".to_owned(),
         });
     }
     // The axis that turns farthest is the innermost: it sweeps while the others stand.
     grids.sort_by_key(|grid| grid.at.len() > 1 && is_parallel(grid.axis, machine));
-    if let Some(spec) = oriented(machine, settings)? {
-        grids.push(grid(Axis::S, spec, settings)?);
+    if let (Some(named), Some(spec)) = (&named.spindle, machine.axes.get(&Axis::S)) {
+        grids.push(grid(Axis::S, spec, named)?);
     }
     Ok(grids.iter().fold(vec![Position::new()], |places, grid| product(&places, grid)))
 }
 
-/// The axis S, if the spindle turns with the design.
-///
-/// # Errors
-/// `spindle = "orient"` on a machine that declares no axis S.
-pub fn oriented<'a>(
-    machine: &'a Machine,
-    settings: &Settings,
-) -> Result<Option<&'a AxisSpec>, Refused> {
-    match (settings.spindle, machine.axes.get(&Axis::S)) {
-        (Spindle::Fixed, _) | (Spindle::Auto, None) => Ok(None),
-        (Spindle::Orient | Spindle::Auto, Some(spec)) => Ok(Some(spec)),
-        (Spindle::Orient, None) => Err(Refused {
-            why: "the spindle cannot be oriented: the machine file declares no axis S".to_owned(),
-            instead:
-                "describe [axes.S], or choose spindle = \"fixed\": then the offset of the spindle \
-                      (EX0S, EY0S) is told together with that of the stylus"
-                    .to_owned(),
-        }),
-    }
+/// Whether the spindle leans over as the axis turns: one of the head, and not parallel to the spindle.
+pub fn tilts_spindle(chain: &Chain, axis: Axis) -> bool {
+    let upright = |position: &Position| chain.machine_from_spindle(position, &[]).rotation[(2, 2)];
+    let turned = Position::new().with(axis, 1.0);
+    !axis.is_linear() && upright(&turned) < upright(&Position::new()) - LEANS
+}
+
+/// Whether the table leans over as the axis turns.
+pub fn tilts_table(chain: &Chain, axis: Axis) -> bool {
+    let upright = |position: &Position| chain.machine_from_table(position, &[]).rotation[(2, 2)];
+    !axis.is_linear()
+        && upright(&Position::new().with(axis, 1.0)) < upright(&Position::new()) - LEANS
 }
 
 /// A rotary axis that moves table or head; the spindle is not one.
@@ -102,19 +117,12 @@ fn product(places: &[Position], grid: &Grid) -> Vec<Position> {
     places.iter().flat_map(with).collect()
 }
 
-fn grid(axis: Axis, spec: &AxisSpec, settings: &Settings) -> Result<Grid, Refused> {
-    let usual = Settings::default();
-    let direction = unit_vector(Vector3::from(spec.direction));
-    let parallel = direction.map_or(axis == Axis::C, |to| to.z.abs() > PARALLEL);
-    let (key, degrees, default) = match axis {
-        Axis::S => ("spindle_deg", &settings.spindle_deg, usual.spindle_deg),
-        _ if parallel => ("turn_deg", &settings.turn_deg, usual.turn_deg),
-        _ => ("tilt_deg", &settings.tilt_deg, usual.tilt_deg),
-    };
+fn grid(axis: Axis, spec: &AxisSpec, named: &NamedPositions<'_>) -> Result<Grid, Refused> {
+    let NamedPositions { key, degrees, is_default } = *named;
     let mut at: Vec<f64> = Vec::new();
     for degree in degrees {
         let Some(place) = reached(axis, spec, *degree) else {
-            if *degrees == default {
+            if is_default {
                 continue;
             }
             return Err(outside(axis, spec, *degree, key));
