@@ -6,7 +6,8 @@
 use serde::de::DeserializeOwned;
 
 mod asking;
-pub mod ball_measurement;
+pub mod ball_dome;
+mod ball_measurement;
 pub mod ball_plate;
 pub mod decision;
 pub mod identification;

@@ -31,6 +31,7 @@ registry! {
     crate::laser_r_test::LaserRTest,
     crate::latch_delay::LatchDelay,
     crate::ball_plate::BallPlate,
+    crate::ball_dome::BallDome,
     crate::multiprobe::Multiprobe,
     crate::r_test::RTest,
 }

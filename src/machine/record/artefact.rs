@@ -62,6 +62,10 @@ pub struct Balls {
     pub balls: Vec<Ball>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lengths: Vec<Length>,
+    /// Standard uncertainty of a coordinate of a ball's centre against the other balls; absent: nobody has
+    /// calibrated their places.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub certificate_u_mm: Option<f64>,
     /// How far the true centres may lie from the stated ones.
     #[serde(default = "default_uncertainty")]
     pub uncertainty_mm: f64,

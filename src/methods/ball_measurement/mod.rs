@@ -8,6 +8,7 @@ mod indexations;
 mod interruptions;
 mod known;
 mod label;
+mod made_visits;
 mod observe;
 mod order;
 mod review;
@@ -23,7 +24,8 @@ pub use indexations::{
     tilts_table,
 };
 pub use label::{Label, Pass};
-pub use observe::{BallCentre, Observed, Touch, observe, stated_balls};
+pub use made_visits::MadeVisits;
+pub use observe::{BallCentre, Observed, observe, stated_balls};
 pub use order::{balls_in_order, in_order};
 pub use rotary::rotary_source;
 pub use setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};

@@ -44,6 +44,28 @@ pub struct TouchSettings {
     pub diameter_limit_mm: f64,
 }
 
+impl TouchSettings {
+    /// # Errors
+    /// What would fail on the way.
+    pub fn check(&self) -> Result<(), Refused> {
+        Refused::unless(
+            self.standoff_mm > 0.0 && self.search_mm > 0.0 && self.search_mm.is_finite(),
+            "standoff_mm and search_mm must be greater than 0",
+            "leave them out, or choose about 0.5 and 1.0",
+        )?;
+        Refused::unless(
+            (5..=100).contains(&self.touches),
+            format!("{} touches do not tell a ball from its dents", self.touches),
+            "choose touches = 5, or 15 for a form check",
+        )?;
+        Refused::unless(
+            self.form_limit_mm > 0.0 && self.diameter_limit_mm > 0.0,
+            "form_limit_um and diameter_limit_um must be greater than 0",
+            "leave them out, or choose about 15 and 30",
+        )
+    }
+}
+
 #[derive(Debug, Clone, Copy)]
 pub struct MeasurementSetup<'a> {
     /// Name of the method, for the table `[method.NAME]` in messages.

@@ -250,6 +250,5 @@ fn found(setup: &MeasurementSetup<'_>, task: &Task, known: &Known) -> Option<Art
         let centre_mm = known.centre(setup, index, task.visit).into();
         Ball { centre_mm, ..ball.clone() }
     });
-    let lengths = setup.balls.lengths.clone();
-    Some(Artefact::Balls(Balls { balls: balls.collect(), lengths, uncertainty_mm }))
+    Some(Artefact::Balls(Balls { balls: balls.collect(), uncertainty_mm, ..setup.balls.clone() }))
 }

@@ -209,5 +209,5 @@ fn found(bench: &Bench<'_>, place: &Place) -> Artefact {
         1 => place.doubt_mm.min(bench.balls.uncertainty_mm),
         _ => bench.balls.uncertainty_mm,
     };
-    Artefact::Balls(Balls { balls, lengths: bench.balls.lengths.clone(), uncertainty_mm })
+    Artefact::Balls(Balls { balls, uncertainty_mm, ..bench.balls.clone() })
 }

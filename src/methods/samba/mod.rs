@@ -15,7 +15,7 @@ mod solution;
 mod sources;
 mod suspects;
 #[cfg(test)]
-mod tests;
+pub mod tests;
 mod warnings;
 
 pub use crate::identification::LeastSquares;
@@ -23,49 +23,28 @@ pub use fit::{Bar, Measured, Measurement, Problem, Seen};
 pub use model::Model;
 pub use settings::Settings;
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 
 use self::design::Bench;
 use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
-use crate::ball_measurement::{self, Visit};
-use machine::record::artefact::Artefact;
+use crate::ball_measurement::{self, MadeVisits, Visit};
 use machine::record::estimate::Estimate;
-use machine::record::machine::{Machine, Probe};
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
 pub const NAME: &str = "samba";
 pub struct Samba {
     settings: Settings,
-    /// The design last made, and for what: it is the same at every stage, and takes its time.
-    made: Mutex<Option<Made>>,
-}
-
-/// What a design follows from, and the design.
-struct Made {
-    machine: Machine,
-    probe: Probe,
-    artefact: Artefact,
-    visits: Arc<[Visit]>,
+    made: MadeVisits,
 }
 
 impl Samba {
     fn visits(&self, bench: &Bench<'_>) -> Result<Arc<[Visit]>, Refused> {
-        let Plan { machine, probe, artefact, .. } = bench.plan;
-        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
-        let fits = |made: &&Made| {
-            (&made.machine, &made.probe, &made.artefact) == (machine, probe, artefact)
-        };
-        if let Some(made) = made.as_ref().filter(fits) {
-            return Ok(made.visits.clone());
-        }
-        let visits: Arc<[Visit]> = design::design(bench, |visits| {
-            ball_measurement::machine_time_s(&bench.measurement(), visits)
-        })?
-        .into();
-        let (machine, probe, artefact) = (machine.clone(), probe.clone(), artefact.clone());
-        *made = Some(Made { machine, probe, artefact, visits: visits.clone() });
-        Ok(visits)
+        self.made.of(bench.plan, || {
+            design::design(bench, |visits| {
+                ball_measurement::machine_time_s(&bench.measurement(), visits)
+            })
+        })
     }
 }
 
@@ -80,7 +59,7 @@ impl Registered for Samba {
     };
 
     fn new(settings: Settings) -> Self {
-        Self { settings, made: Mutex::new(None) }
+        Self { settings, made: MadeVisits::default() }
     }
 }
 

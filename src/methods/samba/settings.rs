@@ -134,11 +134,7 @@ impl Settings {
 
     /// What would fail on the way, refused before the first move.
     pub fn check(&self) -> Result<(), Refused> {
-        Refused::unless(
-            self.standoff_mm > 0.0 && self.search_mm > 0.0 && self.search_mm.is_finite(),
-            "standoff_mm and search_mm must be greater than 0",
-            "leave them out, or choose about 0.5 and 1.0",
-        )?;
+        self.touch().check()?;
         Refused::unless(
             (1..=MOST_BALLS).contains(&self.balls) && self.indexations > 0,
             format!("a budget of {} balls at {} indexations", self.balls, self.indexations),
@@ -148,16 +144,6 @@ impl Settings {
             self.minutes >= 0.0 && self.minutes.is_finite(),
             format!("a budget of {} minutes", self.minutes),
             "choose minutes = 0 for no limit, or the machine time you have",
-        )?;
-        Refused::unless(
-            (5..=100).contains(&self.touches),
-            format!("{} touches do not tell a ball from its dents", self.touches),
-            "choose touches = 5, or 15 for a form check",
-        )?;
-        Refused::unless(
-            self.form_limit_um > 0.0 && self.diameter_limit_um > 0.0,
-            "form_limit_um and diameter_limit_um must be greater than 0",
-            "leave them out, or choose about 15 and 30",
         )?;
         Refused::check_trials(self.monte_carlo_trials)
     }

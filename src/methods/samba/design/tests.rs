@@ -33,6 +33,7 @@ pub fn rumba() -> Balls {
     let length = r#"{"from":"1","to":"2","mm":304.8,"u_mm":0.0001}"#;
     let length: Length = serde_json::from_str(length).unwrap();
     Balls {
+        certificate_u_mm: None,
         balls: RUMBA.iter().enumerate().map(ball).collect(),
         lengths: vec![length],
         uncertainty_mm: 1.0,

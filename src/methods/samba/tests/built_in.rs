@@ -18,9 +18,13 @@ pub const OPTIMAL: (Design, Criterion) = (Design::Optimal, Criterion::D);
 pub const ALL: [(Design, Criterion); 3] =
     [OPTIMAL, (Design::Optimal, Criterion::A), (Design::Paper, Criterion::D)];
 
-/// Machine, probe and balls as the file has them, nothing measured yet.
+/// Of `config/samba.toml`.
 pub fn plan() -> Plan {
-    let file = include_str!("../../../../config/samba.toml");
+    plan_of(include_str!("../../../../config/samba.toml"), "samba")
+}
+
+/// Machine, probe and balls as the file has them, nothing measured yet.
+pub fn plan_of(file: &str, method: &str) -> Plan {
     let mut file: toml::Table = file.parse().unwrap();
     let axes = file["axes"].clone();
     let mut part = |name: &str| file.remove(name).unwrap();
@@ -28,7 +32,7 @@ pub fn plan() -> Plan {
     machine.as_table_mut().unwrap().insert("axes".to_owned(), axes);
     Plan {
         trued_plan: PLAN_VERSION,
-        method: "samba".into(),
+        method: method.into(),
         settings: serde_json::Value::Null,
         machine: machine.try_into().unwrap(),
         probe: part("probe").try_into().unwrap(),

@@ -1,6 +1,6 @@
 pub mod built_in;
 mod g4;
-mod htm;
+pub mod htm;
 mod mended;
 mod other_machines;
 mod stages;
@@ -27,7 +27,7 @@ pub fn machine(topology: &str) -> Machine {
 }
 
 /// Paper 4, table 4, item S3.
-const TOOL: Vector3<f64> = Vector3::new(-0.012, -0.012, -326.746);
+pub const TOOL: Vector3<f64> = Vector3::new(-0.012, -0.012, -326.746);
 /// Its table 1, less than half a millimetre beside: nobody calibrated the balls.
 const BAR_MM: f64 = 304.8;
 
@@ -54,7 +54,7 @@ fn true_balls() -> Vec<Vector3<f64>> {
 }
 
 /// Paper 4, table 2, in mm, rad, mm/mm.
-fn paper_errors() -> Vec<(String, f64)> {
+pub fn paper_errors() -> Vec<(String, f64)> {
     table(include_str!("../../../../tests/data/paper4-table2.csv"))
         .map(|fields| {
             let scale = if fields[2] == "mm" { 1.0 } else { 1e-6 };
@@ -63,7 +63,7 @@ fn paper_errors() -> Vec<(String, f64)> {
         .collect()
 }
 
-fn table(text: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
+pub fn table(text: &'static str) -> impl Iterator<Item = Vec<&'static str>> {
     let lines = text.lines().filter(|line| !line.starts_with('#')).skip(1);
     lines.map(|line| line.split(',').collect())
 }

@@ -130,6 +130,7 @@ impl World {
             u_temperature_k: 0.0,
         };
         let balls = Balls {
+            certificate_u_mm: None,
             balls: paper_balls().into_iter().enumerate().map(ball).collect(),
             lengths: if self.bar_mm > 0.0 { vec![bar] } else { Vec::new() },
             uncertainty_mm: 2.0,

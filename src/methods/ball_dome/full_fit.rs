@@ -1,0 +1,84 @@
+//! Machine errors and stylus that explain the readings of the certified artefact best, all at once (paper 4,
+//! section 7, S4). The spindle does not turn: its offsets are in the stylus.
+
+use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
+use faer::Mat;
+use nalgebra::{Matrix3, Vector3};
+
+use super::points::Points;
+use super::prior::KnownMachine;
+use super::stylus::StylusGain;
+use super::variant::align;
+use crate::IdentifyError;
+use machine::kinematics::{ErrorParameter, ErrorTerm};
+
+/// Gauss–Newton steps: the equations are so nearly linear that the third changes less than 0.001 µm.
+const STEPS: usize = 3;
+/// Unknowns besides the errors: stylus, translation and rotation of the artefact.
+const OTHERS: usize = 9;
+
+pub struct FullFit {
+    /// mm from the spindle datum, with the offset of the spindle in it.
+    pub stylus: Vector3<f64>,
+    /// By a change of each point less that of its certified place.
+    pub gain: StylusGain,
+}
+
+/// # Errors
+/// Readings that do not separate errors and stylus.
+pub fn full_fit(points: &Points, known: &KnownMachine<'_>) -> Result<FullFit, IdentifyError> {
+    let own = known.errors.iter().filter(|error| !KnownMachine::is_of_spindle(error));
+    let parameters: Vec<ErrorParameter> = own.map(|error| error.parameter).collect();
+    let mut values = vec![0.0; parameters.len()];
+    let mut stylus = points.stylus;
+    let mut gain = StylusGain::new();
+    for _ in 0..STEPS {
+        let terms: Vec<ErrorTerm> = parameters
+            .iter()
+            .zip(&values)
+            .map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value })
+            .collect();
+        let solution = step(points, &parameters, &terms, stylus)
+            .map_err(|error| IdentifyError::unsolved(error, |_| Vec::new()))?;
+        values.iter_mut().zip(&solution.x).for_each(|(value, change)| *value += change);
+        let first = parameters.len();
+        stylus += Vector3::from_fn(|k, _| solution.x[first + k]);
+        let of_point = |i: usize| Matrix3::from_fn(|k, j| -solution.gain[(first + k, 3 * i + j)]);
+        gain = (0..points.count()).map(of_point).collect();
+    }
+    Ok(FullFit { stylus, gain })
+}
+
+fn step(
+    points: &Points,
+    parameters: &[ErrorParameter],
+    terms: &[ErrorTerm],
+    stylus: Vector3<f64>,
+) -> Result<LinearSolution, linear::LinearError> {
+    let seen = points.seen(terms, stylus);
+    let aligned = align(&points.certified, &seen);
+    let by_errors = points.by_errors(terms, stylus, parameters);
+    let by_stylus = points.by_stylus(terms);
+    let first = parameters.len();
+    let mut a = Mat::zeros(3 * points.count(), first + OTHERS);
+    let mut y = Vec::with_capacity(3 * points.count());
+    for i in 0..points.count() {
+        y.extend((-aligned.deviations[i]).iter());
+        let turned = aligned.arms[i].cross_matrix();
+        for k in 0..3 {
+            by_errors[i].iter().enumerate().for_each(|(j, column)| a[(3 * i + k, j)] = column[k]);
+            for j in 0..3 {
+                a[(3 * i + k, first + j)] = by_stylus[i][(k, j)];
+                a[(3 * i + k, first + 3 + j)] = if j == k { -1.0 } else { 0.0 };
+                a[(3 * i + k, first + 6 + j)] = turned[(k, j)];
+            }
+        }
+    }
+    linear::solve(&LinearProblem {
+        a: a.as_ref(),
+        y: &y,
+        sigma: &vec![1.0; y.len()],
+        constraints: None,
+        rank_threshold: RANK_THRESHOLD,
+    })
+}

@@ -1,0 +1,69 @@
+//! What a calibration is worth: a calibrated ball dome measured at many indexations, its balls brought into the
+//! table frame by the nominal machine and by that of a SAMBA run, and compared with the certificate (paper 4,
+//! sections 6 to 8; METHODS section 4).
+
+mod design;
+mod estimate;
+mod found;
+mod full_fit;
+mod model;
+mod outputs;
+mod points;
+mod prior;
+mod settings;
+mod sources;
+mod stylus;
+mod variant;
+
+#[cfg(test)]
+mod tests;
+
+pub use settings::Settings;
+
+use crate::ball_measurement::{self, MadeVisits};
+use crate::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::Reading;
+
+pub const NAME: &str = "ball-dome";
+
+pub struct BallDome {
+    settings: Settings,
+    made: MadeVisits,
+}
+
+impl Registered for BallDome {
+    type Settings = Settings;
+    const DESCRIPTION: Description = Description {
+        name: NAME,
+        needs: "a ball artefact whose places are calibrated, such as a ball dome",
+        finds: "deviation of the balls from their certificate, by the nominal machine and, with a SAMBA \
+                estimate, by the calibrated one",
+        machine_file: "ball-dome.toml",
+    };
+
+    fn new(settings: Settings) -> Self {
+        Self { settings, made: MadeVisits::default() }
+    }
+}
+
+impl Method for BallDome {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::to_value(&self.settings).unwrap_or_default()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        let setup = design::setup(plan, &self.settings)?;
+        let visits = self.made.of(plan, || design::visits(&setup, &self.settings))?;
+        ball_measurement::next(&setup, &visits, done, source)
+    }
+
+    fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
+        prior::KnownMachine::of(plan).map(drop)
+    }
+
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+        estimate::estimate(plan, &self.settings, readings)
+    }
+}

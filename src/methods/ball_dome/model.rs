@@ -1,0 +1,141 @@
+//! The values of the variants as functions of the observations: X, Y, Z of each measurement (machine frame, mm),
+//! the errors of the prior, then the certified places of all balls (artefact frame, mm).
+
+use faer::{Mat, MatRef};
+use nalgebra::{Matrix3, Vector3};
+
+use super::points::Points;
+use super::variant::{Changes, Variant};
+use crate::identification::{ObservationModel, Response, solve_each_trial};
+
+pub struct DomeModel<'a> {
+    pub points: &'a Points,
+    pub variants: &'a [Variant],
+    /// Derivative of each point by the errors of the prior, table frame: points × errors.
+    pub by_errors: &'a [Vec<Vector3<f64>>],
+    pub balls: usize,
+    /// The variant whose deviations are judged against the declared sources.
+    pub judged: Option<usize>,
+    /// Of each point: from its deviation in the table frame to weighted residuals.
+    pub weights: &'a [Matrix3<f64>],
+}
+
+/// Changes of the observations, in the table and the artefact frame.
+struct Split<'c> {
+    points: Vec<Vector3<f64>>,
+    by_errors: Vec<Vector3<f64>>,
+    errors: &'c [f64],
+    certified: Vec<Vector3<f64>>,
+}
+
+impl DomeModel<'_> {
+    /// Errors of the prior.
+    fn errors(&self) -> usize {
+        self.by_errors.first().map_or(0, Vec::len)
+    }
+
+    /// Index of the observation of an error of the prior.
+    pub fn error_at(&self, error: usize) -> usize {
+        3 * self.points.count() + error
+    }
+
+    /// Index of the first of the three observations of a certified place.
+    pub fn certified_at(&self, ball: usize) -> usize {
+        self.error_at(self.errors()) + 3 * ball
+    }
+
+    fn split<'c>(&self, change: &'c [f64]) -> Split<'c> {
+        let vector = |at: usize| Vector3::from_column_slice(&change[at..at + 3]);
+        let into_table = self.points.into_table.iter().enumerate();
+        let errors = &change[self.error_at(0)..self.certified_at(0)];
+        let by_errors = |columns: &Vec<Vector3<f64>>| {
+            columns.iter().zip(errors).map(|(column, error)| column * *error).sum()
+        };
+        Split {
+            points: into_table.map(|(i, into)| into * vector(3 * i)).collect(),
+            by_errors: self.by_errors.iter().map(by_errors).collect(),
+            errors,
+            certified: self
+                .points
+                .ball
+                .iter()
+                .map(|ball| vector(self.certified_at(*ball)))
+                .collect(),
+        }
+    }
+
+    /// Changes of deviations and stylus of each variant.
+    fn changes(&self, change: &[f64]) -> Vec<(Vec<Vector3<f64>>, Vector3<f64>)> {
+        let split = self.split(change);
+        let changes = Changes {
+            points: &split.points,
+            by_errors: &split.by_errors,
+            errors: split.errors,
+            certified: &split.certified,
+        };
+        self.variants.iter().map(|variant| variant.change(&changes)).collect()
+    }
+
+    /// Largest and mean deviation of each variant, then the styluses that are results, mm.
+    pub fn values(&self, change: &[f64]) -> Vec<f64> {
+        let changes = self.changes(change);
+        let of_variant = |(variant, (moved, _)): (&Variant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
+            let norms = variant.aligned.deviations.iter().zip(moved).map(|(d, by)| (d + by).norm());
+            let norms: Vec<f64> = norms.collect();
+            [norms.iter().copied().fold(0.0, f64::max), mean(&norms)]
+        };
+        let mut values: Vec<f64> =
+            self.variants.iter().zip(&changes).flat_map(of_variant).collect();
+        for (variant, (_, stylus)) in self.variants.iter().zip(&changes) {
+            let found = variant.has_stylus().then_some(variant.stylus + stylus);
+            values.extend(found.iter().flatten());
+        }
+        values
+    }
+
+    pub fn weighted(&self, deviations: &[Vector3<f64>]) -> Vec<f64> {
+        let rows = self.weights.iter().zip(deviations).map(|(weight, d)| weight * d);
+        rows.flat_map(|row| [row.x, row.y, row.z]).collect()
+    }
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+impl ObservationModel for DomeModel<'_> {
+    fn observations(&self) -> usize {
+        self.certified_at(self.balls)
+    }
+
+    fn unknowns(&self) -> usize {
+        let styluses = self.variants.iter().filter(|variant| variant.has_stylus()).count();
+        2 * self.variants.len() + 3 * styluses
+    }
+
+    /// A norm changes by the part of the change along it.
+    fn respond(&self, change: &[f64]) -> Response {
+        let changes = self.changes(change);
+        let mut unknowns = Vec::with_capacity(self.unknowns());
+        for (variant, (moved, _)) in self.variants.iter().zip(&changes) {
+            let deviations = &variant.aligned.deviations;
+            let along = |(d, by): (&Vector3<f64>, &Vector3<f64>)| {
+                d.dot(by) / d.norm().max(f64::MIN_POSITIVE)
+            };
+            let largest =
+                deviations.iter().zip(moved).max_by(|a, b| a.0.norm().total_cmp(&b.0.norm()));
+            unknowns.push(largest.map_or(0.0, along));
+            let each: Vec<f64> = deviations.iter().zip(moved).map(along).collect();
+            unknowns.push(mean(&each));
+        }
+        for (variant, (_, stylus)) in self.variants.iter().zip(&changes) {
+            unknowns.extend(variant.has_stylus().then_some(*stylus).iter().flatten());
+        }
+        let residuals = self.judged.map_or(Vec::new(), |judged| self.weighted(&changes[judged].0));
+        Response { unknowns, residuals }
+    }
+
+    fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
+        solve_each_trial(changes, self.unknowns(), |change| self.values(change))
+    }
+}

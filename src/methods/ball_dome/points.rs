@@ -1,0 +1,78 @@
+//! The measured points, and where a machine sees them on the table.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::ball_measurement::Observed;
+use machine::Position;
+use machine::frame::Point;
+use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
+use machine::record::artefact::Balls;
+
+/// One a measurement of a ball, in the order of the observations.
+pub struct Points {
+    chain: Chain,
+    /// As stated, from the spindle datum, mm.
+    pub stylus: Vector3<f64>,
+    /// Axis positions with the stylus on the ball's centre.
+    at: Vec<Position>,
+    /// Index of the ball.
+    pub ball: Vec<usize>,
+    /// Its certified place, artefact frame, mm.
+    pub certified: Vec<Vector3<f64>>,
+    /// From a change of X, Y, Z to the change in the table frame, nominal machine.
+    pub into_table: Vec<Matrix3<f64>>,
+}
+
+impl Points {
+    pub fn new(chain: Chain, stylus: Vector3<f64>, observed: &Observed, balls: &Balls) -> Self {
+        let centres = &observed.centres;
+        let at: Vec<Position> = centres
+            .iter()
+            .map(|c| observed.places[c.place].updated_by(&Position::from_xyz(c.xyz)))
+            .collect();
+        let certified = |ball: usize| Vector3::from(balls.balls[ball].centre_mm);
+        Self {
+            stylus,
+            ball: centres.iter().map(|centre| centre.ball).collect(),
+            certified: centres.iter().map(|centre| certified(centre.ball)).collect(),
+            into_table: at.iter().map(|at| chain.linear_jacobian(at, &[])).collect(),
+            at,
+            chain,
+        }
+    }
+
+    pub fn count(&self) -> usize {
+        self.at.len()
+    }
+
+    pub fn chain(&self) -> &Chain {
+        &self.chain
+    }
+
+    /// Where a machine with these errors and this stylus sees each point, table frame, mm.
+    pub fn seen(&self, errors: &[ErrorTerm], stylus: Vector3<f64>) -> Vec<Vector3<f64>> {
+        let tip = Point::from_vec(stylus);
+        self.at.iter().map(|at| self.chain.tip_in_table(at, tip, errors).mm).collect()
+    }
+
+    /// Derivative of each point by each error: points × errors.
+    pub fn by_errors(
+        &self,
+        errors: &[ErrorTerm],
+        stylus: Vector3<f64>,
+        parameters: &[ErrorParameter],
+    ) -> Vec<Vec<Vector3<f64>>> {
+        let tip = Point::from_vec(stylus);
+        self.at.iter().map(|at| self.chain.jacobian(at, tip, errors, parameters)).collect()
+    }
+
+    /// Derivative of each point by the stylus: the point is affine in it.
+    pub fn by_stylus(&self, errors: &[ErrorTerm]) -> Vec<Matrix3<f64>> {
+        let rotation = |at: &Position| {
+            let table = self.chain.machine_from_table(at, errors).rotation;
+            let spindle = self.chain.machine_from_spindle(at, errors).rotation;
+            (table.inverse() * spindle).into_inner()
+        };
+        self.at.iter().map(rotation).collect()
+    }
+}

@@ -1,0 +1,43 @@
+//! Sources of uncertainty as changes of the observations of [`DomeModel`].
+
+use super::model::DomeModel;
+use super::prior::KnownMachine;
+use crate::ball_measurement::{Observed, nonzero_runs, rotary_source, touch_sources};
+use crate::identification::{
+    InResiduals, ObservationModel as _, ObservationRun, UncertaintySource,
+};
+use machine::kinematics::Chain;
+use machine::record::plan::Plan;
+
+/// Those of the readings alone: they give the weights.
+pub fn of_readings(plan: &Plan, chain: &Chain, observed: &Observed) -> Vec<UncertaintySource> {
+    let mut sources = touch_sources(plan, observed);
+    sources.push(rotary_source(plan, chain, observed));
+    sources.retain(|source| source.draws() > 0);
+    sources
+}
+
+/// Of the certificate: each coordinate of each ball independent of the others, as stated.
+pub fn certificate(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource {
+    let coordinates = 3 * model.balls;
+    let run = |k: usize| ObservationRun { first: model.certified_at(0) + k, values: vec![u_mm] };
+    UncertaintySource {
+        in_residuals: InResiduals::Expected,
+        is_in_weights: false,
+        ..UncertaintySource::new(
+            "certificate of the balls",
+            nonzero_runs((0..coordinates).map(run)),
+        )
+    }
+}
+
+/// Of the machine as it was found before, with its covariance.
+pub fn prior(model: &DomeModel<'_>, known: &KnownMachine<'_>) -> Option<UncertaintySource> {
+    let column = |error: usize| {
+        let mut column = vec![0.0; model.observations()];
+        column[model.error_at(error)] = 1.0;
+        column
+    };
+    let columns: Vec<Vec<f64>> = (0..known.errors.len()).map(column).collect();
+    UncertaintySource::of_prior(known.estimate, &known.symbols, &columns)
+}

@@ -1,0 +1,41 @@
+//! The stylus that makes the places of each ball, seen at many indexations, agree best. The certificate takes no
+//! part (paper 4, section 7, N2 to S3).
+
+use nalgebra::{Matrix3, Vector3};
+
+/// Smallest over largest singular value of the equations below which the stylus is not determined.
+const MIN_RATIO: f64 = 1e-6;
+
+/// Change of the stylus by a change of each point in the table frame: the sum of gain·change.
+pub type StylusGain = Vec<Matrix3<f64>>;
+
+/// The least-squares gain; zero for points of balls that do not count. `by_stylus`: derivative of each point.
+/// `None`: the indexations do not determine the stylus.
+pub fn stylus_gain(
+    by_stylus: &[Matrix3<f64>],
+    ball: &[usize],
+    counts: impl Fn(usize) -> bool,
+) -> Option<StylusGain> {
+    let balls = ball.iter().max().map_or(0, |last| last + 1);
+    let (mut sums, mut numbers) = (vec![Matrix3::zeros(); balls], vec![0.0; balls]);
+    for (ball, column) in ball.iter().zip(by_stylus) {
+        sums[*ball] += column;
+        numbers[*ball] += 1.0;
+    }
+    // The mean place of each ball is an unknown too.
+    let centred = |(ball, column): (&usize, &Matrix3<f64>)| match counts(*ball) {
+        true => column - sums[*ball] / numbers[*ball],
+        false => Matrix3::zeros(),
+    };
+    let centred: Vec<Matrix3<f64>> = ball.iter().zip(by_stylus).map(centred).collect();
+    let normal: Matrix3<f64> = centred.iter().map(|column| column.transpose() * column).sum();
+    let singular = normal.symmetric_eigenvalues();
+    let is_determined = singular.min() > MIN_RATIO.powi(2) * singular.max();
+    let inverse = normal.try_inverse().filter(|_| is_determined)?;
+    Some(centred.iter().map(|column| -inverse * column.transpose()).collect())
+}
+
+/// The change of the stylus that the changes of the points make.
+pub fn stylus_change(gain: &StylusGain, changes: &[Vector3<f64>]) -> Vector3<f64> {
+    gain.iter().zip(changes).map(|(gain, change)| gain * change).sum()
+}

@@ -1,0 +1,63 @@
+//! The dome of paper 4 on its machine.
+
+mod g4;
+
+use nalgebra::Vector3;
+
+use super::Settings;
+use super::design;
+use crate::ball_measurement::{BallCentre, Label, Observed, Pass};
+use crate::samba::tests::htm::{Triple, Truth};
+use crate::samba::tests::{TOOL, built_in, paper_errors, table};
+use machine::Axis;
+use machine::record::plan::Plan;
+
+/// How much higher the dome stands in `config/ball-dome.toml` than in the paper's table, mm.
+const BASE_MM: f64 = 60.0;
+
+fn plan() -> Plan {
+    built_in::plan_of(include_str!("../../../../config/ball-dome.toml"), super::NAME)
+}
+
+/// Paper 4, table 3.
+fn certified() -> Vec<Vector3<f64>> {
+    let rows = table(include_str!("../../../../tests/data/paper4-table3.csv"));
+    let number = |text: &str| text.parse::<f64>().unwrap();
+    rows.map(|row| Vector3::new(number(row[1]), number(row[2]), number(row[3]))).collect()
+}
+
+/// What the machine of the paper's table 2, with the stylus of its item S3, reads at all visits of the built-in
+/// design: axis positions by plain matrix products, changed by `noise` (measurement, axis).
+fn observed(plan: &Plan, mut noise: impl FnMut() -> f64) -> Observed {
+    let truth = Truth { errors: paper_errors().into_iter().collect(), tool: TOOL };
+    let settings = Settings::default();
+    let setup = design::setup(plan, &settings).unwrap();
+    let mut observed = Observed::default();
+    for (place, visit) in design::visits(&setup, &settings).unwrap().into_iter().enumerate() {
+        let triple: Triple = [visit.at.at(Axis::B), visit.at.at(Axis::C), 0.0];
+        for ball in visit.balls {
+            let centre = Vector3::from(setup.balls.balls[ball].centre_mm);
+            let xyz = truth.axes_at(centre, triple);
+            let id = setup.balls.balls[ball].id.clone();
+            observed.centres.push(BallCentre {
+                label: Label {
+                    pass: Pass::Slow,
+                    indexation: place as u32,
+                    ball: id,
+                    touch: "pole".into(),
+                },
+                ball,
+                place,
+                commanded: place,
+                xyz: xyz + Vector3::from_fn(|_, _| noise()),
+                radius: 0.0,
+                form: 0.0,
+                touches: Vec::new(),
+                t_s: 0.0,
+            });
+        }
+        observed.places.push(visit.at.clone());
+        observed.commanded.push(visit.at);
+    }
+    observed
+}
