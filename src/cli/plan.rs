@@ -9,9 +9,9 @@ use machine::Axis;
 use machine::record::motion::Block;
 use machine::record::plan::{Plan, Sampling, Stage};
 use machine::record::proof::Proof;
-use planning::Confirmed;
 use planning::gcode::{Dialect, Program};
 use planning::proof::{Request, Staged, prove};
+use planning::{Confirmed, MachineTime};
 
 pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
@@ -125,7 +125,7 @@ fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
 
 /// Returns the machine time, s.
 fn describe(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
-    let (_, machine_s) = planning::staged_blocks(plan, stages)?;
+    let (blocks, machine_s) = planning::staged_blocks(plan, stages)?;
     say!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());
     for step in &plan.steps {
         let turned: Vec<String> = step
@@ -138,6 +138,15 @@ fn describe(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
         say!("  {:>4}  {:<14} {what}", step.id, step.label);
     }
     let seconds = machine_s.round();
+    let time = MachineTime::of(&blocks, &plan.machine);
+    let percent = |seconds: f64| 100.0 * seconds / time.total_s().max(f64::MIN_POSITIVE);
     say!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
+    say!(
+        "of it touches {:.0} %, ways of X, Y, Z {:.0} %, rotary axes {:.0} %, rests {:.0} %",
+        percent(time.touch_s),
+        percent(time.way_s),
+        percent(time.rotary_s),
+        percent(time.rest_s)
+    );
     Ok(machine_s)
 }

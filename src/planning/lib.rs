@@ -36,7 +36,7 @@ pub use error::PlanningError;
 pub use measured::{BallDoubt, BallLimits, MeasuredBall, measured_ball};
 pub use order::tour;
 pub use scan::{blocks_out_of_range, step_blocks};
-pub use time::machine_time_s;
+pub use time::{MachineTime, machine_time_s};
 pub use touch::touch_block;
 
 use machine::record::motion::{Block, Motion};

@@ -5,31 +5,70 @@ use machine::record::machine::Machine;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
 
+/// Machine time by what it is spent on, s.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct MachineTime {
+    /// To contact and back out of it.
+    pub touch_s: f64,
+    /// Ways of X, Y, Z alone.
+    pub way_s: f64,
+    /// Ways on which a rotary axis or the spindle turns.
+    pub rotary_s: f64,
+    /// Dwells.
+    pub rest_s: f64,
+}
+
+impl MachineTime {
+    /// Of the blocks in their order; the way to the first position is left out.
+    pub fn of(blocks: &[Block], machine: &Machine) -> Self {
+        let (mut time, mut stands) = (Self::default(), Position::new());
+        for block in blocks {
+            time.add(block, &mut stands, machine);
+        }
+        time
+    }
+
+    pub fn total_s(&self) -> f64 {
+        self.touch_s + self.way_s + self.rotary_s + self.rest_s
+    }
+
+    fn add(&mut self, block: &Block, stands: &mut Position, machine: &Machine) {
+        for motion in &block.motions {
+            let Some(to) = target(motion) else {
+                if let Motion::Dwell { seconds } = motion {
+                    self.rest_s += seconds;
+                }
+                continue;
+            };
+            let (to, feed) = match motion {
+                Motion::Probe { feed_mm_min, .. } => (middle(stands, &to), Some(*feed_mm_min)),
+                Motion::Guarded { feed_mm_min, .. }
+                | Motion::BackOff { feed_mm_min, .. }
+                | Motion::Feed { feed_mm_min, .. } => (to, Some(*feed_mm_min)),
+                _ => (to, None),
+            };
+            let turns = |(axis, end): (Axis, f64)| {
+                !axis.is_linear() && stands.get(axis).is_some_and(|from| from != end)
+            };
+            let spent = match motion {
+                Motion::Probe { .. } | Motion::BackOff { .. } => &mut self.touch_s,
+                _ if to.iter().any(turns) => &mut self.rotary_s,
+                _ => &mut self.way_s,
+            };
+            *spent += motion_s(stands, &to, feed, machine);
+            *stands = stands.updated_by(&to);
+        }
+    }
+}
+
 /// Seconds that `block` takes from `begins`, every motion from rest to rest: the axes move together
 /// within the rapid speed and acceleration of each; a feed is that of the path in X, Y, Z, or of
 /// the rotary axes in degrees if they alone move. Where contact comes is not known: the middle of
 /// the touch is assumed. An axis that `begins` does not name takes no time for its first move.
 pub fn machine_time_s(block: &Block, begins: &Position, machine: &Machine) -> f64 {
-    let mut stands = begins.clone();
-    let mut seconds = 0.0;
-    for motion in &block.motions {
-        let Some(to) = target(motion) else {
-            if let Motion::Dwell { seconds: dwell } = motion {
-                seconds += dwell;
-            }
-            continue;
-        };
-        let (to, feed) = match motion {
-            Motion::Probe { feed_mm_min, .. } => (middle(&stands, &to), Some(*feed_mm_min)),
-            Motion::Guarded { feed_mm_min, .. }
-            | Motion::BackOff { feed_mm_min, .. }
-            | Motion::Feed { feed_mm_min, .. } => (to, Some(*feed_mm_min)),
-            _ => (to, None),
-        };
-        seconds += motion_s(&stands, &to, feed, machine);
-        stands = stands.updated_by(&to);
-    }
-    seconds
+    let mut time = MachineTime::default();
+    time.add(block, &mut begins.clone(), machine);
+    time.total_s()
 }
 
 fn middle(from: &Position, to: &Position) -> Position {

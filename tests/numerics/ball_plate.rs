@@ -11,11 +11,12 @@ use machine::record::reading::{Flag, Reading};
 use methods::Method;
 use rand::RngExt;
 use rayon::prelude::*;
-use simulator::{Speed, World};
+use simulator::World;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
+use crate::touch_alone::touch_alone;
 use estimation::random::stream;
 use testing::population::{coverage_population, is_full};
 
@@ -137,7 +138,7 @@ impl Rig {
 
     /// `missing`: share of the visits whose touches are flagged.
     fn estimate(&self, seed: u64, missing: f64) -> Estimate {
-        self.estimate_by(seed, missing, touch)
+        self.estimate_by(seed, missing, touch_alone)
     }
 
     /// `play`: makes a touch, with or without the ways between touches.
@@ -145,7 +146,7 @@ impl Rig {
         &self,
         seed: u64,
         missing: f64,
-        play: fn(&mut World, &Step) -> Reading,
+        play: fn(&mut World, &Step, u32) -> Reading,
     ) -> Estimate {
         let mut world = self.world(seed);
         let mut random = stream(seed, &[MISSING]);
@@ -157,7 +158,7 @@ impl Rig {
                 (visit, is_missing) = (of_step.to_owned(), random.random::<f64>() < missing);
             }
             let flag = if is_missing { Flag::Excluded } else { Flag::None };
-            readings.push(Reading { flag, ..play(&mut world, step) });
+            readings.push(Reading { flag, ..play(&mut world, step, 0) });
         }
         self.method.identify(&self.plan, &readings).unwrap()
     }
@@ -174,30 +175,6 @@ impl Rig {
             assert!(count >= self.plan.settings["positions"].as_u64().unwrap() as usize);
             points.filter(is_held).count() as f64 / count as f64
         })
-    }
-}
-
-/// With all ways, in the time that they take.
-fn play(world: &mut World, step: &Step) -> Reading {
-    plan_player::play(world, step, 0)
-}
-
-/// The world computes next to nothing of the way to the touch: it is made without the probe.
-fn touch(world: &mut World, step: &Step) -> Reading {
-    world.without_probe(true);
-    world.travel(&step.from, Speed::Rapid);
-    world.without_probe(false);
-    let to = step.to.only(Axis::is_linear);
-    let contact = world.probe(&to, step.feed_mm_min, step.id).contact.expect("contact");
-    Reading {
-        step: step.id,
-        repeat: 0,
-        position: contact.position,
-        value_mm: None,
-        sensor: step.sensor().to_owned(),
-        t_s: contact.t_s,
-        flag: Flag::None,
-        temperatures_c: Default::default(),
     }
 }
 
@@ -274,7 +251,7 @@ fn u_is_foretold_before_motion() {
         let rig = Rig::new(changes);
         let lines = rig.method.forecast(&rig.plan, rig.machine_s).unwrap();
         println!("{name}: {}", lines.join("\n"));
-        let estimate = rig.estimate_by(1, 0.0, play);
+        let estimate = rig.estimate_by(1, 0.0, plan_player::play);
         for symbol in MOTIONS {
             let words: Vec<&str> = lines[0].split([' ', ':']).collect();
             let at = words.iter().position(|word| *word == symbol).unwrap();
@@ -342,7 +319,7 @@ fn a_ball_that_comes_loose_is_named() {
     moved.insert("at_s".to_owned(), Value::Float(LOOSE_FROM_S));
     moved.insert("by_mm".to_owned(), vec![0.0, 0.02, 0.0].into());
     let changes = vec![("simulated.ball_moves", Value::Array(vec![moved.into()]))];
-    let estimate = Rig::new(changes).estimate_by(1, 0.0, play);
+    let estimate = Rig::new(changes).estimate_by(1, 0.0, plan_player::play);
     let named = |ball: &str| {
         let begins = format!("ball {ball} stands ");
         estimate.warnings.iter().filter(|line| line.starts_with(&begins)).count()

@@ -3,6 +3,7 @@
 #![cfg(test)]
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 
+mod ball_dome;
 mod ball_motions;
 mod ball_plate;
 mod centring;
@@ -19,6 +20,7 @@ mod proof_sweep;
 mod r_test;
 mod round_fits;
 mod samba;
+mod touch_alone;
 mod worlds;
 
 #[path = "../support"]

@@ -168,7 +168,8 @@ fn swapped_sensors_are_refused_before_the_table_turns() {
     declare(&mut sensors[1], zero_a, a);
     let (method, header) = setup::header(&parsed(&table), "r-test", None).unwrap();
     let mut world = setup::world(&truth).unwrap();
-    let refused = plan_player::try_measure(&mut world, method.as_ref(), header).unwrap_err();
+    let refused = plan_player::try_measure(&mut world, method.as_ref(), header, plan_player::play)
+        .unwrap_err();
     assert!(refused.why.contains("this is the direction of b"), "{refused:?}");
 }
 

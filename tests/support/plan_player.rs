@@ -16,9 +16,15 @@ pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
     rapid(world, &step.from.only(|axis| !axis.is_linear()));
     rapid(world, &step.from.only(|axis| matches!(axis, Axis::X | Axis::Y)));
     rapid(world, &step.from.only(|axis| axis == Axis::Z));
+    let reading = touch(world, step, repeat);
+    world.travel(&step.from.only(Axis::is_linear), Speed::Feed { mm_min: 300.0 });
+    reading
+}
+
+/// One touch from where the world stands.
+pub fn touch(world: &mut World, step: &Step, repeat: u32) -> Reading {
     let linear = step.to.only(Axis::is_linear);
     let contact = world.probe(&linear, step.feed_mm_min, step.id).contact.expect("contact");
-    world.travel(&step.from.only(Axis::is_linear), Speed::Feed { mm_min: 300.0 });
     Reading {
         step: step.id,
         repeat,
@@ -79,14 +85,15 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
 
 /// Measure a whole method on `world`; the plan grows with its stages.
 pub fn measure(world: &mut World, method: &dyn Method, plan: Plan) -> (Plan, Vec<Reading>) {
-    try_measure(world, method, plan).expect("well-posed")
+    try_measure(world, method, plan, play).expect("well-posed")
 }
 
-/// The same; `Err`: why the method refuses a stage.
+/// The same, `play` making the touches; `Err`: why the method refuses a stage.
 pub fn try_measure(
     world: &mut World,
     method: &dyn Method,
     mut plan: Plan,
+    play: fn(&mut World, &Step, u32) -> Reading,
 ) -> Result<(Plan, Vec<Reading>), Refused> {
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {
