@@ -55,6 +55,8 @@ pub enum Command {
     Show(ShowArgs),
     /// Compare the estimates of two stored runs: differences, their U, and E_n (ISO 13528).
     Compare(CompareArgs),
+    /// Tell how far the tool is off at given poses, by the errors of an estimate.
+    Predict(PredictArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
     /// Copy the journal to one file, also while a daemon writes it; the copy is verified.
@@ -353,6 +355,28 @@ pub struct CompareArgs {
     pub second: i64,
     #[arg(long)]
     pub json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct PredictArgs {
+    /// An estimate of errors of the axes, as `trued run samba --json` prints it.
+    #[arg(value_name = "EST.json")]
+    pub estimate: PathBuf,
+    /// Poses: a table with some of the columns x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg (axes without a column stand
+    /// at 0). The errors of the tip and of the tool's direction are printed behind them, in the table frame, with
+    /// their standard uncertainties; tool-centre control is on.
+    #[arg(long, value_name = "POSES.csv")]
+    pub at: PathBuf,
+    /// The machine file; without one, the built-in one of the estimate's method.
+    #[arg(long, value_name = "FILE")]
+    pub machine: Option<PathBuf>,
+    /// The pose at which the work zero is set, such as "X100 Z300 B0"; without it, with the tip on the origin of
+    /// the table and the rotary axes at 0. There the tip has no error.
+    #[arg(long, value_name = "POSE")]
+    pub zero: Option<String>,
+    /// Predict outside the ranges of the axes that the estimate was measured over, too.
+    #[arg(long)]
+    pub extrapolate: bool,
 }
 
 #[derive(Debug, Args)]

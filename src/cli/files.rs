@@ -17,7 +17,7 @@ pub fn read_estimates(files: &[PathBuf]) -> Result<Vec<Estimate>, Failure> {
     files.iter().map(|file| read_estimate(file)).collect()
 }
 
-fn read_estimate(file: &Path) -> Result<Estimate, Failure> {
+pub fn read_estimate(file: &Path) -> Result<Estimate, Failure> {
     let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
     serde_json::from_str(&text).map_err(|error| {
         Failure::new(

@@ -23,6 +23,7 @@ mod init;
 mod live_values;
 mod method_list;
 mod plan;
+mod predict;
 mod progress;
 mod resume;
 mod run;
@@ -120,6 +121,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
         Command::Disarm(args) => schedule::disarm(&args, state),
         Command::Compare(args) => compare::compare_runs(&args, state),
         Command::Show(args) => runs::show(&args, state),
+        Command::Predict(args) => predict::predict(&args),
         Command::Export(args) => runs::export(&args, state),
         Command::Backup(args) => backup::backup(&args, state),
         Command::Token(args) => token::token(&args, state),

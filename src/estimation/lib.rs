@@ -15,6 +15,7 @@ pub mod null_names;
 mod radial;
 pub mod random;
 pub mod revolutions;
+pub mod rigid;
 pub mod schur;
 pub mod smooth;
 pub mod sphere;

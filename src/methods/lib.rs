@@ -14,6 +14,7 @@ pub mod identification;
 pub mod laser_r_test;
 pub mod latch_delay;
 pub mod multiprobe;
+pub mod prediction;
 pub mod r_test;
 mod registry;
 pub mod samba;

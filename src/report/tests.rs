@@ -88,6 +88,7 @@ fn example() -> Estimate {
         verdict: Verdict::Pass,
         warnings: vec!["holds at the height Z = 62 mm only".to_owned()],
         priors: Vec::new(),
+        measured: Default::default(),
     }
 }
 

@@ -1,5 +1,6 @@
 //! From the readings of a measured run to its stored estimate. Nothing here needs the machine.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -9,6 +10,7 @@ use super::behind::{COMPUTING, behind};
 use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
 use devices::controllers::Halt;
+use machine::Axis;
 use machine::record::estimate::{Estimate, Limit};
 use machine::record::event::Event;
 use machine::record::plan::Plan;
@@ -144,7 +146,7 @@ pub async fn store_identification(
     }
 }
 
-/// What the readings of the plan show, with the hashes of its priors: those of the journal.
+/// What the readings of the plan show, with the ranges of the axes and the hashes of its priors: those of the journal.
 ///
 /// # Errors
 /// As [`Method::identify`].
@@ -154,8 +156,22 @@ pub fn identified(
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
     let mut estimate = method.identify(plan, readings)?;
+    estimate.measured = ranges(readings);
     estimate.priors = plan.priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
     Ok(estimate)
+}
+
+/// Smallest and largest position of each axis, mm and degrees, to the third decimal place that holds them.
+fn ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
+    let mut ranges: BTreeMap<Axis, [f64; 2]> = BTreeMap::new();
+    for (axis, value) in readings.iter().flat_map(|reading| reading.position.iter()) {
+        let value = axis.to_edge(value);
+        let [least, most] = ranges.entry(axis).or_insert([value; 2]);
+        (*least, *most) = (least.min(value), most.max(value));
+    }
+    let rounded =
+        |[least, most]: [f64; 2]| [(least * 1e3).floor() / 1e3, (most * 1e3).ceil() / 1e3];
+    ranges.into_iter().map(|(axis, range)| (axis, rounded(range))).collect()
 }
 
 /// The estimate with its verdict, and a warning for every limit that nothing answers to.

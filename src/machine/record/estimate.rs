@@ -1,6 +1,10 @@
 //! The estimate: the published result. Each value has its unit beside it.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
+
+use crate::Axis;
 
 pub const ESTIMATE_VERSION: u32 = 1;
 
@@ -235,4 +239,7 @@ pub struct Estimate {
     pub warnings: Vec<String>,
     /// Hashes of the estimates taken as known.
     pub priors: Vec<String>,
+    /// Ranges of the axes over which it was measured, mm and degrees.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub measured: BTreeMap<Axis, [f64; 2]>,
 }

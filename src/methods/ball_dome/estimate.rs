@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::found::{by_errors, variants};
 use super::model::DomeModel;
 use super::points::Points;
-use super::prior::KnownMachine;
+use super::prior::known_machine;
 use super::settings::Settings;
 use super::variant::Variant;
 use super::{design, outputs, sources};
@@ -41,7 +41,7 @@ pub fn estimate(
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
     let setup = design::setup(plan, settings)?;
-    let known = KnownMachine::of(plan)?;
+    let known = known_machine(plan)?;
     let observed = observe(plan, readings)?;
     check_count(&observed)?;
     let chain = Chain::new(&plan.machine).map_err(Refused::from)?;
@@ -66,7 +66,7 @@ pub fn estimate(
     let best = &variants[judged.or_else(|| place(&variants, "N3")).unwrap_or(0)];
     let solution = Solution {
         model: &model,
-        residuals: &judged.map_or(Vec::new(), |i| model.weighted(&variants[i].aligned.deviations)),
+        residuals: &judged.map_or(Vec::new(), |i| model.weighted(&variants[i].fit.deviations)),
         is_declared: plan.probe.repeatability_um.is_some(),
         figures: figures(&points, best, judged.is_some())?,
     };
@@ -126,7 +126,7 @@ fn weights(points: &Points, sources: &[UncertaintySource]) -> Vec<Matrix3<f64>> 
 fn figures(points: &Points, best: &Variant, is_judged: bool) -> Result<FitFigures, IdentifyError> {
     let Survey { rank, condition, .. } =
         survey_of(points, best).map_err(|error| IdentifyError::Numerical(error.to_string()))?;
-    let coordinates: Vec<f64> = best.aligned.deviations.iter().flatten().copied().collect();
+    let coordinates: Vec<f64> = best.fit.deviations.iter().flatten().copied().collect();
     Ok(FitFigures {
         rank,
         unknowns: UNKNOWNS,
@@ -144,7 +144,7 @@ fn survey_of(points: &Points, best: &Variant) -> Result<Survey, estimation::line
         match column / 3 {
             0 => by_stylus[i][(k, j)],
             1 => f64::from(u8::from(k == j)),
-            _ => best.aligned.arms[i].cross_matrix()[(k, j)],
+            _ => best.fit.arms[i].cross_matrix()[(k, j)],
         }
     };
     let design = Mat::from_fn(3 * points.count(), UNKNOWNS, entry);

@@ -4,13 +4,14 @@ use nalgebra::Vector3;
 
 use super::full_fit::full_fit;
 use super::points::Points;
-use super::prior::KnownMachine;
+use super::prior::is_of_spindle;
 use super::stylus::{stylus_change, stylus_gain};
 use super::variant::{Found, KINDS, Kind, StylusFrom, Variant};
+use crate::identification::KnownErrors;
 use machine::kinematics::ErrorTerm;
 
 /// Derivative of each point by the errors of the prior, at the stated stylus.
-pub fn by_errors(points: &Points, known: Option<&KnownMachine<'_>>) -> Vec<Vec<Vector3<f64>>> {
+pub fn by_errors(points: &Points, known: Option<&KnownErrors<'_>>) -> Vec<Vec<Vector3<f64>>> {
     let errors = known.map_or(&[][..], |known| &known.errors);
     let parameters: Vec<_> = errors.iter().map(|error| error.parameter).collect();
     points.by_errors(errors, points.stylus, &parameters)
@@ -19,7 +20,7 @@ pub fn by_errors(points: &Points, known: Option<&KnownMachine<'_>>) -> Vec<Vec<V
 /// All that the readings and the prior give; and what they do not, in words.
 pub fn variants(
     points: &Points,
-    known: Option<&KnownMachine<'_>>,
+    known: Option<&KnownErrors<'_>>,
     tool_ball: usize,
 ) -> (Vec<Variant>, Vec<String>) {
     let (mut variants, mut lost) = (Vec::new(), Vec::new());
@@ -44,7 +45,7 @@ fn found(
     kind: Kind,
     points: &Points,
     errors: &[ErrorTerm],
-    known: Option<&KnownMachine<'_>>,
+    known: Option<&KnownErrors<'_>>,
     tool_ball: usize,
 ) -> Option<Found> {
     let of_balls = |counts: &dyn Fn(usize) -> bool| {
@@ -69,9 +70,9 @@ fn found(
 }
 
 /// Of each error of the prior: what it takes from a stylus that has the spindle's offset in it (paper 4, Eqs. 5 to 7).
-fn by_spindle(points: &Points, known: &KnownMachine<'_>) -> Vec<Vector3<f64>> {
+fn by_spindle(points: &Points, known: &KnownErrors<'_>) -> Vec<Vector3<f64>> {
     let of = |error: &ErrorTerm| {
-        if !KnownMachine::is_of_spindle(error) {
+        if !is_of_spindle(error) {
             return Vector3::zeros();
         }
         let by_error = points.by_errors(&[], points.stylus, &[error.parameter]);

@@ -2,14 +2,15 @@
 //! section 7, S4). The spindle does not turn: its offsets are in the stylus.
 
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
+use estimation::rigid::RigidFit;
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
 use super::points::Points;
-use super::prior::KnownMachine;
+use super::prior::is_of_spindle;
 use super::stylus::StylusGain;
-use super::variant::align;
 use crate::IdentifyError;
+use crate::identification::KnownErrors;
 use machine::kinematics::{ErrorParameter, ErrorTerm};
 
 /// Gauss–Newton steps: the equations are so nearly linear that the third changes less than 0.001 µm.
@@ -26,8 +27,8 @@ pub struct FullFit {
 
 /// # Errors
 /// Readings that do not separate errors and stylus.
-pub fn full_fit(points: &Points, known: &KnownMachine<'_>) -> Result<FullFit, IdentifyError> {
-    let own = known.errors.iter().filter(|error| !KnownMachine::is_of_spindle(error));
+pub fn full_fit(points: &Points, known: &KnownErrors<'_>) -> Result<FullFit, IdentifyError> {
+    let own = known.errors.iter().filter(|error| !is_of_spindle(error));
     let parameters: Vec<ErrorParameter> = own.map(|error| error.parameter).collect();
     let mut values = vec![0.0; parameters.len()];
     let mut stylus = points.stylus;
@@ -56,15 +57,15 @@ fn step(
     stylus: Vector3<f64>,
 ) -> Result<LinearSolution, linear::LinearError> {
     let seen = points.seen(terms, stylus);
-    let aligned = align(&points.certified, &seen);
+    let fit = RigidFit::new(&points.certified, &seen);
     let by_errors = points.by_errors(terms, stylus, parameters);
     let by_stylus = points.by_stylus(terms);
     let first = parameters.len();
     let mut a = Mat::zeros(3 * points.count(), first + OTHERS);
     let mut y = Vec::with_capacity(3 * points.count());
     for i in 0..points.count() {
-        y.extend((-aligned.deviations[i]).iter());
-        let turned = aligned.arms[i].cross_matrix();
+        y.extend((-fit.deviations[i]).iter());
+        let turned = fit.arms[i].cross_matrix();
         for k in 0..3 {
             by_errors[i].iter().enumerate().for_each(|(j, column)| a[(3 * i + k, j)] = column[k]);
             for j in 0..3 {

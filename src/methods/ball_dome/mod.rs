@@ -60,7 +60,7 @@ impl Method for BallDome {
     }
 
     fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
-        prior::KnownMachine::of(plan).map(drop)
+        prior::known_machine(plan).map(drop)
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {

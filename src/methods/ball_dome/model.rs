@@ -80,7 +80,7 @@ impl DomeModel<'_> {
     pub fn values(&self, change: &[f64]) -> Vec<f64> {
         let changes = self.changes(change);
         let of_variant = |(variant, (moved, _)): (&Variant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
-            let norms = variant.aligned.deviations.iter().zip(moved).map(|(d, by)| (d + by).norm());
+            let norms = variant.fit.deviations.iter().zip(moved).map(|(d, by)| (d + by).norm());
             let norms: Vec<f64> = norms.collect();
             [norms.iter().copied().fold(0.0, f64::max), mean(&norms)]
         };
@@ -118,7 +118,7 @@ impl ObservationModel for DomeModel<'_> {
         let changes = self.changes(change);
         let mut unknowns = Vec::with_capacity(self.unknowns());
         for (variant, (moved, _)) in self.variants.iter().zip(&changes) {
-            let deviations = &variant.aligned.deviations;
+            let deviations = &variant.fit.deviations;
             let along = |(d, by): (&Vector3<f64>, &Vector3<f64>)| {
                 d.dot(by) / d.norm().max(f64::MIN_POSITIVE)
             };

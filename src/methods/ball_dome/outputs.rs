@@ -55,7 +55,7 @@ pub fn outputs(model: &DomeModel<'_>) -> Outputs {
 pub fn by_ball_and_place(variant: &Variant, points: &Points, observed: &Observed) -> [Function; 2] {
     let mean = |group: &dyn Fn(usize) -> bool| {
         let own = (0..points.count()).filter(|i| group(*i));
-        let own: Vec<f64> = own.map(|i| variant.aligned.deviations[i].norm()).collect();
+        let own: Vec<f64> = own.map(|i| variant.fit.deviations[i].norm()).collect();
         own.iter().sum::<f64>() / own.len().max(1) as f64
     };
     let balls = points.ball.iter().max().map_or(0, |last| last + 1);
@@ -80,8 +80,7 @@ pub fn arrows(
         let arrow = |i: usize| Arrow {
             label: setup.balls.balls[points.ball[i]].id.clone(),
             at_mm: points.certified[i].into(),
-            vector: (variant.aligned.rotation.inverse() * variant.aligned.deviations[i] * 1e3)
-                .into(),
+            vector: (variant.fit.rotation.inverse() * variant.fit.deviations[i] * 1e3).into(),
             modelled: None,
             flagged: false,
         };

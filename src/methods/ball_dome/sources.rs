@@ -1,8 +1,8 @@
 //! Sources of uncertainty as changes of the observations of [`DomeModel`].
 
 use super::model::DomeModel;
-use super::prior::KnownMachine;
 use crate::ball_measurement::{Observed, nonzero_runs, rotary_source, touch_sources};
+use crate::identification::KnownErrors;
 use crate::identification::{
     InResiduals, ObservationModel as _, ObservationRun, UncertaintySource,
 };
@@ -32,7 +32,7 @@ pub fn certificate(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource {
 }
 
 /// Of the machine as it was found before, with its covariance.
-pub fn prior(model: &DomeModel<'_>, known: &KnownMachine<'_>) -> Option<UncertaintySource> {
+pub fn prior(model: &DomeModel<'_>, known: &KnownErrors<'_>) -> Option<UncertaintySource> {
     let column = |error: usize| {
         let mut column = vec![0.0; model.observations()];
         column[model.error_at(error)] = 1.0;

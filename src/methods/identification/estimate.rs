@@ -1,5 +1,7 @@
 //! The estimate in its published form: parameters, covariance, functions.
 
+use std::collections::BTreeMap;
+
 use estimation::coverage::coverage_factor;
 use estimation::monte_carlo::Summary;
 use machine::record::estimate::{
@@ -74,6 +76,7 @@ impl Identification {
             verdict: Verdict::None,
             warnings: Vec::new(),
             priors: Vec::new(),
+            measured: BTreeMap::new(),
         }
     }
 

@@ -12,6 +12,7 @@ pub mod declared;
 mod error_motions;
 mod estimate;
 mod harmonics;
+mod known_errors;
 mod known_motions;
 mod model;
 mod outputs;
@@ -26,6 +27,7 @@ pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
 pub use error_motions::{RevolutionRanges, revolution_parameters, turning_axis_ranges};
 pub use estimate::{Identification, identify, reported_parameter};
 pub use harmonics::{Harmonic, HarmonicFunction, numbered_values, order_values};
+pub use known_errors::KnownErrors;
 pub use known_motions::KnownMotions;
 pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,

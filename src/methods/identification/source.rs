@@ -83,7 +83,7 @@ impl UncertaintySource {
     pub fn of_prior(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Self> {
         let parameters: Vec<&Parameter> =
             symbols.iter().map(|symbol| parameter(prior, symbol)).collect::<Option<_>>()?;
-        let root = lower_root(&covariance(prior, &parameters)?);
+        let root = lower_root(&prior_covariance(prior, symbols)?);
         let draws = (0..symbols.len()).map(|draw| combined(columns, root.col_as_slice(draw)));
         let effect = Effect::Joint(draws.collect());
         Some(Self {
@@ -150,8 +150,11 @@ fn parameter<'a>(prior: &'a Estimate, symbol: &str) -> Option<&'a Parameter> {
     prior.parameters.iter().find(|parameter| parameter.symbol == symbol)
 }
 
-/// In internal units (mm, rad, mm/mm, s).
-fn covariance(prior: &Estimate, parameters: &[&Parameter]) -> Option<Mat<f64>> {
+/// Covariance of the parameters `symbols` in internal units (mm, rad, mm/mm, s). `None`: the estimate lacks one of
+/// them or its covariance.
+pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> {
+    let parameters: Vec<&Parameter> =
+        symbols.iter().map(|symbol| parameter(prior, symbol)).collect::<Option<_>>()?;
     let index = |p: &&Parameter| prior.covariance.symbols.iter().position(|s| *s == p.symbol);
     let indices: Vec<usize> = parameters.iter().map(index).collect::<Option<_>>()?;
     let edge: Vec<f64> = parameters.iter().map(|p| p.unit.from_internal(1.0)).collect();

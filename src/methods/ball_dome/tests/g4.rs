@@ -1,44 +1,18 @@
 //! Gate G4 of METHODS section 4, the part of the dome.
 
 use nalgebra::Vector3;
-use serde_json::json;
 
 use super::super::found::variants;
 use super::super::points::Points;
-use super::super::prior::KnownMachine;
+use super::super::prior::known_machine;
 use super::super::variant::Variant;
 use super::{BASE_MM, certified, observed, plan};
 use crate::ball_measurement::stated_balls;
-use crate::samba::tests::paper_errors;
+use crate::samba::tests::exact_estimate;
 use estimation::random::stream;
 use machine::kinematics::Chain;
-use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use rand_distr::{Distribution, StandardNormal};
-
-/// An estimate of samba that has found the paper's table 2 exactly.
-fn exact_estimate() -> Estimate {
-    let unit = |name: &str| match name {
-        gain if gain.ends_with('1') => ("um/m", 1e6),
-        offset if offset.starts_with("EX") || offset.starts_with("EY") => ("um", 1e3),
-        _ => ("urad", 1e6),
-    };
-    let errors = paper_errors();
-    let parameters = errors.iter().map(|(name, value)| {
-        let (unit, scale) = unit(name);
-        json!({"symbol": name, "value": value * scale, "unit": unit, "u": 0.0, "U": 0.0, "k": 2.0,
-            "dof": null, "identifiable": true})
-    });
-    let symbols: Vec<&String> = errors.iter().map(|(name, _)| name).collect();
-    serde_json::from_value(json!({
-        "trued_estimate": 1, "method": "samba", "parameters": parameters.collect::<Vec<_>>(),
-        "functions": [], "covariance": {"symbols": symbols, "rows": vec![vec![0.0; 13]; 13]},
-        "rank": 34, "unknowns": 34, "condition": 1.0, "gauge": [], "not_identifiable": [],
-        "residual_rms_um": 0.0, "degrees_of_freedom": 0, "chi2_per_dof": 1.0, "verdict": "none",
-        "warnings": [], "priors": [],
-    }))
-    .unwrap()
-}
 
 /// Largest and mean deviation, µm, and the stylus, mm, of each variant.
 fn results(noise: impl FnMut() -> f64) -> Vec<(&'static str, f64, f64, Vector3<f64>)> {
@@ -50,11 +24,11 @@ fn results(noise: impl FnMut() -> f64) -> Vec<(&'static str, f64, f64, Vector3<f
     let chain = Chain::new(&plan.machine).unwrap();
     let stylus = Vector3::from(plan.machine.tool_mm);
     let points = Points::new(chain, stylus, &observed, stated_balls(&plan).unwrap());
-    let known = KnownMachine::of(&plan).unwrap();
+    let known = known_machine(&plan).unwrap();
     let (variants, lost) = variants(&points, known.as_ref(), 0);
     assert_eq!((variants.len(), lost.len()), (7, 0), "{lost:?}");
     let result = |variant: &Variant| {
-        let norms: Vec<f64> = variant.aligned.deviations.iter().map(|d| d.norm() * 1e3).collect();
+        let norms: Vec<f64> = variant.fit.deviations.iter().map(|d| d.norm() * 1e3).collect();
         let largest = norms.iter().copied().fold(0.0, f64::max);
         let mean = norms.iter().sum::<f64>() / norms.len() as f64;
         println!("{}: {largest:.3} {mean:.3} µm, {:?}", variant.kind.name, variant.stylus);

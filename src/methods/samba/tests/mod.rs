@@ -8,8 +8,10 @@ mod touches;
 mod whole;
 
 use nalgebra::Vector3;
+use serde_json::json;
 
 use machine::kinematics::Topology;
+use machine::record::estimate::Estimate;
 use machine::record::machine::{AxisSpec, Machine};
 
 /// A machine without travel limits to speak of.
@@ -61,6 +63,30 @@ pub fn paper_errors() -> Vec<(String, f64)> {
             (fields[0].to_owned(), fields[1].parse::<f64>().unwrap() * scale)
         })
         .collect()
+}
+
+/// An estimate of samba that has found the paper's table 2 exactly.
+pub fn exact_estimate() -> Estimate {
+    let unit = |name: &str| match name {
+        gain if gain.ends_with('1') => ("um/m", 1e6),
+        offset if offset.starts_with("EX") || offset.starts_with("EY") => ("um", 1e3),
+        _ => ("urad", 1e6),
+    };
+    let errors = paper_errors();
+    let parameters = errors.iter().map(|(name, value)| {
+        let (unit, scale) = unit(name);
+        json!({"symbol": name, "value": value * scale, "unit": unit, "u": 0.0, "U": 0.0, "k": 2.0,
+            "dof": null, "identifiable": true})
+    });
+    let symbols: Vec<&String> = errors.iter().map(|(name, _)| name).collect();
+    serde_json::from_value(json!({
+        "trued_estimate": 1, "method": "samba", "parameters": parameters.collect::<Vec<_>>(),
+        "functions": [], "covariance": {"symbols": symbols, "rows": vec![vec![0.0; 13]; 13]},
+        "rank": 34, "unknowns": 34, "condition": 1.0, "gauge": [], "not_identifiable": [],
+        "residual_rms_um": 0.0, "degrees_of_freedom": 0, "chi2_per_dof": 1.0, "verdict": "none",
+        "warnings": [], "priors": [],
+    }))
+    .unwrap()
 }
 
 pub fn table(text: &'static str) -> impl Iterator<Item = Vec<&'static str>> {

@@ -1,0 +1,131 @@
+//! `trued predict`: how far the tool is off at given poses, by the errors of an estimate.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+
+use super::Exit;
+use super::args::PredictArgs;
+use super::failure::Failure;
+use super::files::read_estimate;
+use crate::setup;
+use machine::{Axis, Position};
+use methods::prediction::{PoseError, Predictor};
+
+const COLUMNS: [(&str, Axis); 7] = [
+    ("x_mm", Axis::X),
+    ("y_mm", Axis::Y),
+    ("z_mm", Axis::Z),
+    ("a_deg", Axis::A),
+    ("b_deg", Axis::B),
+    ("c_deg", Axis::C),
+    ("s_deg", Axis::S),
+];
+
+pub fn predict(args: &PredictArgs) -> Result<Exit, Failure> {
+    let estimate = read_estimate(&args.estimate)?;
+    let machine = setup::load(args.machine.as_deref(), &estimate.method)?.machine;
+    let zero = args.zero.as_deref().map(pose_in_words).transpose()?;
+    let predictor = Predictor::new(&machine, &estimate, zero.as_ref())?;
+    let (axes, poses) = read_poses(&args.at)?;
+    if !args.extrapolate {
+        for (at, line) in &poses {
+            let refused = |why: methods::Refused| {
+                let place = format!("{}, line {line}: {}", args.at.display(), why.why);
+                Failure::new(place, why.instead)
+            };
+            predictor.check(at).map_err(refused)?;
+        }
+    }
+    let poses: Vec<Position> = poses.into_iter().map(|(at, _)| at).collect();
+    let errors = predictor.at_all(&poses);
+    print(&axes, &poses, &errors);
+    summarise(&predictor, &poses, &errors);
+    Ok(Exit::Pass)
+}
+
+/// `X100 Y0 Z300 B0 C90`: axes that are not named stand at 0.
+fn pose_in_words(words: &str) -> Result<Position, Failure> {
+    let wrong = |word: &str| {
+        Failure::new(
+            format!("--zero: `{word}` is no position of an axis"),
+            "write a pose as \"X100 Y0 Z300 B0 C90\", in mm and degrees",
+        )
+    };
+    let value = |word: &str| -> Option<(Axis, f64)> {
+        let (letter, number) = word.split_at_checked(1)?;
+        let axis: Axis = letter.parse().ok()?;
+        let value: f64 = number.parse().ok()?;
+        value.is_finite().then(|| (axis, axis.from_edge(value)))
+    };
+    words.split_whitespace().map(|word| value(word).ok_or_else(|| wrong(word))).collect()
+}
+
+type Poses = (Vec<(&'static str, Axis)>, Vec<(Position, u64)>);
+
+/// Axes in the order of the columns; each pose with its line.
+fn read_poses(file: &Path) -> Result<Poses, Failure> {
+    let wrong = |line: u64, why: String| {
+        Failure::new(
+            format!("{}, line {line}: {why}", file.display()),
+            "a table with some of the columns x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg is expected, a pose a line",
+        )
+    };
+    let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
+    let mut rows = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let head = rows.headers().map_err(|error| wrong(1, error.to_string()))?;
+    let known = |name: &str| COLUMNS.into_iter().find(|(column, _)| *column == name);
+    let axes = head
+        .iter()
+        .map(|name| known(name).ok_or_else(|| wrong(1, format!("`{name}` is no column of a pose"))))
+        .collect::<Result<Vec<_>, _>>()?;
+    let mut poses = Vec::new();
+    for row in rows.records() {
+        let row = row.map_err(|error| wrong(0, error.to_string()))?;
+        let line = row.position().map_or(0, csv::Position::line);
+        let mut at = Position::new();
+        for ((_, axis), text) in axes.iter().zip(&row) {
+            let value: f64 = text
+                .parse()
+                .ok()
+                .filter(|value: &f64| value.is_finite())
+                .ok_or_else(|| wrong(line, format!("`{text}` is no position of {axis}")))?;
+            at.set(*axis, axis.from_edge(value));
+        }
+        poses.push((at, line));
+    }
+    Ok((axes, poses))
+}
+
+fn print(axes: &[(&str, Axis)], poses: &[Position], errors: &[PoseError]) {
+    let names: Vec<&str> = axes.iter().map(|(name, _)| *name).collect();
+    say!(
+        "{},ex_um,ey_um,ez_um,u_ex_um,u_ey_um,u_ez_um,ei_urad,ej_urad,ek_urad,u_ei_urad,u_ej_urad,u_ek_urad",
+        names.join(",")
+    );
+    for (at, error) in poses.iter().zip(errors) {
+        let place = axes.iter().map(|(_, axis)| format!("{}", axis.to_edge(at.at(*axis))));
+        let tip = [error.tip_mm, error.u_tip_mm].map(|mm| mm * 1e3);
+        let direction = [error.direction, error.u_direction].map(|rad| rad * 1e6);
+        let numbers = tip.iter().chain(&direction).flat_map(|v| [v.x, v.y, v.z]);
+        let cells: Vec<String> = place.chain(numbers.map(|value| format!("{value:.3}"))).collect();
+        say!("{}", cells.join(","));
+    }
+}
+
+/// Largest and mean error, zeroed and after a best fit.
+fn summarise(predictor: &Predictor<'_>, poses: &[Position], errors: &[PoseError]) {
+    let tips: Vec<Vector3<f64>> = errors.iter().map(|error| error.tip_mm).collect();
+    let fitted = predictor.after_best_fit(poses, errors);
+    for (what, all) in
+        [("against the work zero", &tips), ("after a best fit of the workpiece", &fitted)]
+    {
+        let norms: Vec<f64> = all.iter().map(|error| error.norm() * 1e3).collect();
+        let largest = norms.iter().copied().fold(0.0, f64::max);
+        let mean = norms.iter().sum::<f64>() / norms.len().max(1) as f64;
+        tell!("error of the tip {what}: largest {largest:.1} µm, mean {mean:.1} µm");
+    }
+}

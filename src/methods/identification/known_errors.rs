@@ -1,0 +1,49 @@
+//! Errors of the axes as an earlier estimate has found them: location errors and gains.
+
+use faer::Mat;
+
+use super::source::prior_covariance;
+use crate::Refused;
+use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
+use machine::record::estimate::Estimate;
+
+/// Errors of the axes with the estimate that they come from.
+pub struct KnownErrors<'a> {
+    pub estimate: &'a Estimate,
+    /// In the order of the estimate; mm, rad, mm/mm.
+    pub errors: Vec<ErrorTerm>,
+    pub symbols: Vec<&'a str>,
+    /// In the units of the errors.
+    pub covariance: Mat<f64>,
+}
+
+impl<'a> KnownErrors<'a> {
+    /// Those of the axes of this machine.
+    ///
+    /// # Errors
+    /// None at all, or none with their covariance.
+    pub fn of(estimate: &'a Estimate, chain: &Chain) -> Result<Self, Refused> {
+        let of_machine = estimate.parameters.iter().filter_map(|parameter| {
+            let error: ErrorParameter = parameter.symbol.parse().ok()?;
+            chain.check(error).ok()?;
+            let value = parameter.value / parameter.unit.from_internal(1.0);
+            Some((ErrorTerm { parameter: error, value }, parameter.symbol.as_str()))
+        });
+        let (errors, symbols): (Vec<ErrorTerm>, Vec<&str>) = of_machine.unzip();
+        let covariance = prior_covariance(estimate, &symbols).filter(|_| !errors.is_empty());
+        let covariance = covariance.ok_or_else(|| {
+            Refused::new(
+                format!(
+                    "the estimate of {} holds no errors of this machine's axes with their covariance",
+                    estimate.method
+                ),
+                "give an estimate of this machine by samba, laser-r-test or self-calibration, as --json prints it",
+            )
+        })?;
+        Ok(Self { estimate, errors, symbols, covariance })
+    }
+
+    pub fn parameters(&self) -> Vec<ErrorParameter> {
+        self.errors.iter().map(|error| error.parameter).collect()
+    }
+}

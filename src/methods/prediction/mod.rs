@@ -1,0 +1,147 @@
+//! How far the tool is off, anywhere in the volume, by the errors of an estimate.
+
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
+
+use estimation::rigid::RigidFit;
+use faer::Mat;
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use crate::Refused;
+use crate::identification::KnownErrors;
+use machine::frame::{Point, Spindle};
+use machine::kinematics::Chain;
+use machine::record::estimate::Estimate;
+use machine::record::machine::Machine;
+use machine::{Axis, Position};
+
+/// From the tip along the tool to the point whose error gives that of the direction, mm.
+const ALONG_MM: f64 = 256.0;
+
+/// Errors at one pose, in the table frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseError {
+    /// Where the tip truly is less where the nominal machine has it, less the same at the zero pose, mm.
+    pub tip_mm: Vector3<f64>,
+    pub u_tip_mm: Vector3<f64>,
+    /// True less nominal direction of the tool, from its tip to the spindle, rad. Nothing is zeroed.
+    pub direction: Vector3<f64>,
+    pub u_direction: Vector3<f64>,
+}
+
+pub struct Predictor<'a> {
+    chain: Chain,
+    known: KnownErrors<'a>,
+    tip: Point<Spindle>,
+    /// Ranges of the axes that the estimate was measured over, mm and degrees; empty: not known.
+    measured: &'a BTreeMap<Axis, [f64; 2]>,
+    zero: Vector3<f64>,
+    zero_columns: Vec<Vector3<f64>>,
+}
+
+impl<'a> Predictor<'a> {
+    /// `zero`: the pose at which the work zero is set, where the tip has no error by definition; `None`: with the tip on
+    /// the origin of the table and all rotary axes at 0.
+    ///
+    /// # Errors
+    /// A machine without kinematics; an estimate without errors of its axes.
+    pub fn new(
+        machine: &Machine,
+        estimate: &'a Estimate,
+        zero: Option<&Position>,
+    ) -> Result<Self, Refused> {
+        let chain = Chain::new(machine)?;
+        let known = KnownErrors::of(estimate, &chain)?;
+        let tip = Point::from_vec(Vector3::from(machine.tool_mm));
+        let on_table =
+            || chain.linear_axes_for(Point::from_vec(Vector3::zeros()), tip, &Position::new(), &[]);
+        let zero_at = match zero {
+            Some(zero) => zero.clone(),
+            None => on_table()?,
+        };
+        let measured = &estimate.measured;
+        let mut new =
+            Self { chain, known, tip, measured, zero: Vector3::zeros(), zero_columns: Vec::new() };
+        (new.zero, new.zero_columns) = new.of_point(&zero_at, tip);
+        Ok(new)
+    }
+
+    /// Displacement of a point of the tool in the table frame, and its derivatives by the errors.
+    fn of_point(&self, at: &Position, point: Point<Spindle>) -> (Vector3<f64>, Vec<Vector3<f64>>) {
+        let Self { chain, known, .. } = self;
+        let off =
+            chain.tip_in_table(at, point, &known.errors).mm - chain.tip_in_table(at, point, &[]).mm;
+        (off, chain.jacobian(at, point, &known.errors, &known.parameters()))
+    }
+
+    /// Refuses a pose outside the ranges that the estimate was measured over.
+    ///
+    /// # Errors
+    /// The axis, or that the estimate does not say what it was measured over.
+    pub fn check(&self, at: &Position) -> Result<(), Refused> {
+        Refused::unless(
+            !self.measured.is_empty(),
+            "the estimate does not say over which ranges of the axes it was measured",
+            "identify it again from its run with this version, or ask for extrapolation (--extrapolate)",
+        )?;
+        for (axis, value) in at.iter() {
+            let value = axis.to_edge(value);
+            let Some([least, most]) = self.measured.get(&axis) else { continue };
+            Refused::unless(
+                (*least..=*most).contains(&value),
+                format!(
+                    "{axis} {value:.3} is outside {least:.3} to {most:.3}, over which the estimate was measured"
+                ),
+                "leave the pose out, or ask for extrapolation (--extrapolate)",
+            )?;
+        }
+        Ok(())
+    }
+
+    pub fn at(&self, at: &Position) -> PoseError {
+        let (tip, columns) = self.of_point(at, self.tip);
+        let above = Point::from_vec(self.tip.mm + Vector3::z() * ALONG_MM);
+        let (above, above_columns) = self.of_point(at, above);
+        let zeroed: Vec<Vector3<f64>> =
+            columns.iter().zip(&self.zero_columns).map(|(column, zero)| column - zero).collect();
+        let turned: Vec<Vector3<f64>> = above_columns
+            .iter()
+            .zip(&columns)
+            .map(|(above, tip)| (above - tip) / ALONG_MM)
+            .collect();
+        PoseError {
+            tip_mm: tip - self.zero,
+            u_tip_mm: uncertainty(&zeroed, &self.known.covariance),
+            direction: (above - tip) / ALONG_MM,
+            u_direction: uncertainty(&turned, &self.known.covariance),
+        }
+    }
+
+    /// One error a pose, on all cores.
+    pub fn at_all(&self, poses: &[Position]) -> Vec<PoseError> {
+        poses.par_iter().map(|at| self.at(at)).collect()
+    }
+
+    /// Errors of the tip that a rigid motion of the workpiece does not take up, mm.
+    pub fn after_best_fit(&self, poses: &[Position], errors: &[PoseError]) -> Vec<Vector3<f64>> {
+        let place = |at: &Position| self.chain.tip_in_table(at, self.tip, &[]).mm;
+        let nominal: Vec<Vector3<f64>> = poses.iter().map(place).collect();
+        let off: Vec<Vector3<f64>> =
+            nominal.iter().zip(errors).map(|(place, error)| place + error.tip_mm).collect();
+        RigidFit::new(&nominal, &off).deviations
+    }
+}
+
+/// √(J·C·Jᵀ) of each coordinate.
+fn uncertainty(columns: &[Vector3<f64>], covariance: &Mat<f64>) -> Vector3<f64> {
+    let mut variance = Vector3::zeros();
+    for (i, one) in columns.iter().enumerate() {
+        for (j, other) in columns.iter().enumerate() {
+            variance += one.component_mul(other) * covariance[(i, j)];
+        }
+    }
+    variance.map(|variance: f64| variance.max(0.0).sqrt())
+}
