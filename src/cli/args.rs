@@ -364,9 +364,10 @@ pub struct PredictArgs {
     pub estimate: PathBuf,
     /// Poses: a table with some of the columns x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg (axes without a column stand
     /// at 0). The errors of the tip and of the tool's direction are printed behind them, in the table frame, with
-    /// their standard uncertainties; tool-centre control is on.
+    /// their standard uncertainties; tool-centre control is on. Without poses: largest and mean error over the
+    /// ranges of the axes that the estimate was measured over.
     #[arg(long, value_name = "POSES.csv")]
-    pub at: PathBuf,
+    pub at: Option<PathBuf>,
     /// The machine file; without one, the built-in one of the estimate's method.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
@@ -386,6 +387,18 @@ pub struct ExportArgs {
     /// Folder to write to; made if missing.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub to: PathBuf,
+    /// Write the readings as points of the workpiece, too, by the nominal machine.
+    #[arg(long, value_enum)]
+    pub frame: Option<Frame>,
+    /// By the machine that this estimate has found.
+    #[arg(long, value_name = "EST.json", requires = "frame")]
+    pub with: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Frame {
+    /// That of the table: the machine frame when all axes stand at zero.
+    Workpiece,
 }
 
 #[derive(Debug, Args)]

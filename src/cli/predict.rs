@@ -2,15 +2,13 @@
 
 use std::path::Path;
 
-use nalgebra::Vector3;
-
 use super::Exit;
 use super::args::PredictArgs;
 use super::failure::Failure;
 use super::files::read_estimate;
 use crate::setup;
 use machine::{Axis, Position};
-use methods::prediction::{PoseError, Predictor};
+use methods::prediction::{PoseError, Predictor, VolumeError};
 
 const COLUMNS: [(&str, Axis); 7] = [
     ("x_mm", Axis::X),
@@ -27,21 +25,31 @@ pub fn predict(args: &PredictArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &estimate.method)?.machine;
     let zero = args.zero.as_deref().map(pose_in_words).transpose()?;
     let predictor = Predictor::new(&machine, &estimate, zero.as_ref())?;
-    let (axes, poses) = read_poses(&args.at)?;
-    if !args.extrapolate {
-        for (at, line) in &poses {
-            let refused = |why: methods::Refused| {
-                let place = format!("{}, line {line}: {}", args.at.display(), why.why);
-                Failure::new(place, why.instead)
-            };
-            predictor.check(at).map_err(refused)?;
+    let poses = match &args.at {
+        Some(file) => {
+            let (axes, poses) = read_poses(file)?;
+            if !args.extrapolate {
+                check(&predictor, file, &poses)?;
+            }
+            let poses: Vec<Position> = poses.into_iter().map(|(at, _)| at).collect();
+            print(&axes, &poses, &predictor.at_all(&poses));
+            poses
         }
-    }
-    let poses: Vec<Position> = poses.into_iter().map(|(at, _)| at).collect();
-    let errors = predictor.at_all(&poses);
-    print(&axes, &poses, &errors);
-    summarise(&predictor, &poses, &errors);
+        None => predictor.volume()?,
+    };
+    summarise(&predictor, &poses);
     Ok(Exit::Pass)
+}
+
+/// No pose is outside what was measured.
+fn check(predictor: &Predictor<'_>, file: &Path, poses: &[(Position, u64)]) -> Result<(), Failure> {
+    for (at, line) in poses {
+        let refused = |why: methods::Refused| {
+            Failure::new(format!("{}, line {line}: {}", file.display(), why.why), why.instead)
+        };
+        predictor.check(at).map_err(refused)?;
+    }
+    Ok(())
 }
 
 /// `X100 Y0 Z300 B0 C90`: axes that are not named stand at 0.
@@ -84,7 +92,9 @@ fn read_poses(file: &Path) -> Result<Poses, Failure> {
         .collect::<Result<Vec<_>, _>>()?;
     let mut poses = Vec::new();
     for row in rows.records() {
-        let row = row.map_err(|error| wrong(0, error.to_string()))?;
+        let row = row.map_err(|error| {
+            wrong(error.position().map_or(1, csv::Position::line), error.to_string())
+        })?;
         let line = row.position().map_or(0, csv::Position::line);
         let mut at = Position::new();
         for ((_, axis), text) in axes.iter().zip(&row) {
@@ -116,16 +126,23 @@ fn print(axes: &[(&str, Axis)], poses: &[Position], errors: &[PoseError]) {
     }
 }
 
-/// Largest and mean error, zeroed and after a best fit.
-fn summarise(predictor: &Predictor<'_>, poses: &[Position], errors: &[PoseError]) {
-    let tips: Vec<Vector3<f64>> = errors.iter().map(|error| error.tip_mm).collect();
-    let fitted = predictor.after_best_fit(poses, errors);
-    for (what, all) in
-        [("against the work zero", &tips), ("after a best fit of the workpiece", &fitted)]
-    {
-        let norms: Vec<f64> = all.iter().map(|error| error.norm() * 1e3).collect();
-        let largest = norms.iter().copied().fold(0.0, f64::max);
-        let mean = norms.iter().sum::<f64>() / norms.len().max(1) as f64;
-        tell!("error of the tip {what}: largest {largest:.1} µm, mean {mean:.1} µm");
+/// Largest and mean error over the poses.
+fn summarise(predictor: &Predictor<'_>, poses: &[Position]) {
+    let errors = predictor.volume_errors(poses);
+    let names = ["against the work zero", "after a best fit of the workpiece"];
+    for (what, error) in names.iter().zip(errors) {
+        let VolumeError { largest_mm, u_largest_mm, mean_mm, u_mean_mm, worst } = error;
+        let pose: Vec<String> = poses[worst]
+            .iter()
+            .map(|(axis, value)| format!("{axis}{:.3}", axis.to_edge(value)))
+            .collect();
+        tell!(
+            "error of the tip {what}: largest ({:.1} ± {:.1}) µm at {}, mean ({:.1} ± {:.1}) µm (U, k = 2)",
+            largest_mm * 1e3,
+            2e3 * u_largest_mm,
+            pose.join(" "),
+            mean_mm * 1e3,
+            2e3 * u_mean_mm
+        );
     }
 }

@@ -2,14 +2,18 @@
 
 use std::path::Path;
 
-use super::args::{ExportArgs, RunsArgs, ShowArgs};
+use super::args::{ExportArgs, Frame, RunsArgs, ShowArgs};
 use super::failure::Failure;
-use super::files::state_folder;
+use super::files::{read_estimate, state_folder};
 use super::{Exit, show, with_state};
 use crate::archive::story::{self, how_it_ended, story};
 use crate::report::{readings_csv, warmth};
 use crate::run::can_resume;
 use crate::store::{Journal, MachineLock, RunId, RunState, RunSummary, StoredRun};
+use machine::record::estimate::Estimate;
+use machine::record::plan::Plan;
+use machine::record::reading::{Flag, Reading};
+use methods::prediction::WorkpieceFrame;
 
 pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let folder = state_folder(state)?;
@@ -130,11 +134,36 @@ pub fn export(args: &ExportArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     readings_csv::write(&stored.readings, &comments, &mut csv).map_err(Failure::plain)?;
     write(format!("run-{run}-readings.csv"), &csv)?;
     write(format!("run-{run}-machine.toml"), stored.config.as_bytes())?;
+    if args.frame == Some(Frame::Workpiece) {
+        let estimate = args.with.as_deref().map(read_estimate).transpose()?;
+        let points = points_csv(&stored.plan, &stored.readings, estimate.as_ref())?;
+        write(format!("run-{run}-points.csv"), points.as_bytes())?;
+    }
     if let Some(last) = stored.estimates.last() {
         write(format!("run-{run}-estimate.json"), pretty(&last.estimate)?.as_bytes())?;
         show::write_report(&journal, run, &args.to.join(format!("run-{run}-report.html")))?;
     }
     Ok(Exit::Pass)
+}
+
+/// Readings as points of the workpiece, mm, with their standard uncertainties.
+fn points_csv(
+    plan: &Plan,
+    readings: &[Reading],
+    estimate: Option<&Estimate>,
+) -> Result<String, Failure> {
+    let frame = WorkpieceFrame::new(plan, estimate)?;
+    let mut lines = vec!["step,label,repeat,sensor,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm".to_owned()];
+    for reading in readings.iter().filter(|reading| reading.flag == Flag::None) {
+        let Some(point) = frame.point(reading) else { continue };
+        let step = plan.steps.iter().find(|step| step.id == reading.step);
+        let label = step.map_or("", |step| step.label.as_str());
+        let numbers = point.at_mm.iter().chain(point.u_mm.iter());
+        let numbers: Vec<String> = numbers.map(|mm| format!("{:.6}", mm + 0.0)).collect();
+        let Reading { step, repeat, sensor, .. } = reading;
+        lines.push(format!("{step},{label},{repeat},{sensor},{}", numbers.join(",")));
+    }
+    Ok(lines.join("\n") + "\n")
 }
 
 fn pretty(value: &impl serde::Serialize) -> Result<String, Failure> {

@@ -19,6 +19,7 @@ mod laser_runs;
 mod latch_delay;
 mod machine_zero;
 mod modbus_run;
+mod predict;
 mod samba_machines;
 mod schedule;
 mod sent_text;
@@ -58,6 +59,7 @@ fn main() {
         latch_delay::trials(),
         machine_zero::trials(),
         modbus_run::trials(),
+        predict::trials(),
         samba_machines::trials(),
         schedule::trials(),
         sent_text::trials(),

@@ -2,10 +2,14 @@
 
 #[cfg(test)]
 mod tests;
+mod volume;
+mod workpiece;
+
+pub use volume::VolumeError;
+pub use workpiece::{WorkpieceFrame, WorkpiecePoint};
 
 use std::collections::BTreeMap;
 
-use estimation::rigid::RigidFit;
 use faer::Mat;
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -105,8 +109,7 @@ impl<'a> Predictor<'a> {
         let (tip, columns) = self.of_point(at, self.tip);
         let above = Point::from_vec(self.tip.mm + Vector3::z() * ALONG_MM);
         let (above, above_columns) = self.of_point(at, above);
-        let zeroed: Vec<Vector3<f64>> =
-            columns.iter().zip(&self.zero_columns).map(|(column, zero)| column - zero).collect();
+        let zeroed = self.zeroed(&columns);
         let turned: Vec<Vector3<f64>> = above_columns
             .iter()
             .zip(&columns)
@@ -120,18 +123,18 @@ impl<'a> Predictor<'a> {
         }
     }
 
+    /// Derivatives of the tip's error by the errors of the axes.
+    fn zeroed_columns(&self, at: &Position) -> Vec<Vector3<f64>> {
+        self.zeroed(&self.of_point(at, self.tip).1)
+    }
+
+    fn zeroed(&self, columns: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        columns.iter().zip(&self.zero_columns).map(|(column, zero)| column - zero).collect()
+    }
+
     /// One error a pose, on all cores.
     pub fn at_all(&self, poses: &[Position]) -> Vec<PoseError> {
         poses.par_iter().map(|at| self.at(at)).collect()
-    }
-
-    /// Errors of the tip that a rigid motion of the workpiece does not take up, mm.
-    pub fn after_best_fit(&self, poses: &[Position], errors: &[PoseError]) -> Vec<Vector3<f64>> {
-        let place = |at: &Position| self.chain.tip_in_table(at, self.tip, &[]).mm;
-        let nominal: Vec<Vector3<f64>> = poses.iter().map(place).collect();
-        let off: Vec<Vector3<f64>> =
-            nominal.iter().zip(errors).map(|(place, error)| place + error.tip_mm).collect();
-        RigidFit::new(&nominal, &off).deviations
     }
 }
 

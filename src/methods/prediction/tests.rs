@@ -2,11 +2,13 @@
 
 use nalgebra::Vector3;
 
-use super::Predictor;
+use super::{Predictor, WorkpieceFrame};
 use crate::samba::tests::htm::{Triple, Truth};
 use crate::samba::tests::{built_in, exact_estimate, paper_errors};
 use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
 use machine::{Axis, Position};
 
 const POSES: [([f64; 3], Triple); 4] = [
@@ -100,4 +102,64 @@ fn what_was_not_measured_is_refused() {
     assert!(predictor.check(&Position::new()).unwrap_err().why.contains("does not say"));
     estimate.parameters.clear();
     assert!(Predictor::new(&machine, &estimate, None).is_err());
+}
+
+/// A touch where the machine of the paper reads with its stylus at a known place of the table.
+#[test]
+fn touches_are_points_of_the_workpiece() {
+    let (plan, mut estimate) = (built_in::plan(), measured());
+    let tool = Vector3::from(plan.machine.tool_mm);
+    let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
+    let place = Vector3::new(110.0, -70.0, 90.0);
+    let (_, triple) = POSES[1];
+    let reading = Reading {
+        step: 1,
+        repeat: 0,
+        position: position(truth.axes_at(place, triple).into(), triple),
+        value_mm: None,
+        sensor: "probe".to_owned(),
+        t_s: 0.0,
+        flag: Default::default(),
+        temperatures_c: Default::default(),
+    };
+    let point = |plan: &Plan, estimate: Option<&Estimate>| {
+        WorkpieceFrame::new(plan, estimate).unwrap().point(&reading).unwrap()
+    };
+    let calibrated = point(&plan, Some(&estimate));
+    assert!((calibrated.at_mm - place).norm() < 1e-9, "{calibrated:?}");
+    // Of the touch alone: 0.5 µm, as the machine file declares.
+    assert!((calibrated.u_mm - Vector3::repeat(0.5e-3)).norm() < 1e-9);
+    let nominal = point(&plan, None);
+    let off = (nominal.at_mm - place).norm();
+    assert!(off > 0.02 && off < 0.3 && nominal.u_mm == calibrated.u_mm, "{off}");
+    let offset = estimate.covariance.symbols.iter().position(|own| own == "EX0C").unwrap();
+    estimate.covariance.rows[offset][offset] = 4.0;
+    // 2 µm along X of the table at C = 114.6°.
+    let u = point(&plan, Some(&estimate)).u_mm * 1e3;
+    let expected = Vector3::new(2.0 * triple[1].cos(), 2.0 * triple[1].sin(), 0.0);
+    assert!((u - expected.map(|part: f64| part.hypot(0.5))).norm() < 0.01, "{u} {expected}");
+}
+
+/// Of an offset e of C along X alone: with the work zero at C = 0 the error is 2·e·sin(C/2), largest at 180°.
+#[test]
+fn the_volume_has_a_largest_and_a_mean_error() {
+    let mut estimate = measured();
+    estimate.parameters.retain(|parameter| parameter.symbol == "EX0C");
+    estimate.covariance.symbols = vec!["EX0C".to_owned()];
+    estimate.covariance.rows = vec![vec![4.0]];
+    estimate.measured = [(Axis::C, [0.0, 330.0]), (Axis::Z, [400.0, 400.0])].into();
+    let predictor = Predictor::new(&machine(), &estimate, None).unwrap();
+    let poses = predictor.volume().unwrap();
+    assert_eq!(poses.len(), 12);
+    let [zeroed, fitted] = predictor.volume_errors(&poses);
+    assert_eq!(poses[zeroed.worst].at(Axis::C).to_degrees().round(), 180.0);
+    let near = |value: f64, expected: f64, within: f64| {
+        assert!((value - expected).abs() < within, "{value} {expected}");
+    };
+    near(zeroed.largest_mm, 0.210, 1e-9);
+    // Its u is twice 2 µm, to the number of draws.
+    near(zeroed.u_largest_mm, 4e-3, 0.6e-3);
+    let mean = (0..12).map(|k| 0.21 * (f64::from(k) * 15.0).to_radians().sin()).sum::<f64>() / 12.0;
+    near(zeroed.mean_mm, mean, 1e-9);
+    assert!(fitted.largest_mm < zeroed.largest_mm);
 }

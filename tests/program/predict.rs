@@ -1,0 +1,85 @@
+//! `trued predict`, and the points of a run in the workpiece frame.
+
+use serde_json::json;
+
+use crate::support::harness::{Pool, Trials, trials};
+use crate::support::machine_shop::{MachineShop, built_in_machine, stderr};
+
+/// C stands 100 µm off along X, known to 2 µm; measured over a part of the travel.
+fn estimate() -> String {
+    json!({
+        "trued_estimate": 1, "method": "samba", "functions": [], "rank": 1, "unknowns": 1,
+        "parameters": [{"symbol": "EX0C", "value": 100.0, "unit": "um", "u": 2.0, "U": 4.0, "k": 2.0,
+            "dof": null, "identifiable": true}],
+        "covariance": {"symbols": ["EX0C"], "rows": [[4.0]]}, "condition": 1.0, "gauge": [],
+        "not_identifiable": [], "residual_rms_um": 0.0, "degrees_of_freedom": 0, "chi2_per_dof": 1.0,
+        "verdict": "none", "warnings": [], "priors": [],
+        "measured": {"X": [-200.0, 200.0], "Z": [300.0, 500.0], "C": [0.0, 270.0]},
+    })
+    .to_string()
+}
+
+/// At C = 180° a point of the table is 200 µm off where the work zero was set at C = 0: by hand.
+fn the_tip_is_off_as_reckoned_by_hand() {
+    let shop = MachineShop::new(&built_in_machine());
+    let (file, poses) = (shop.file("est.json"), shop.file("poses.csv"));
+    std::fs::write(&file, estimate()).unwrap();
+    std::fs::write(&poses, "# poses\nz_mm,c_deg\n400,0\n 400, 180\n").unwrap();
+    let output = shop.trued(&["predict", &file, "--at", &poses]);
+    let (said, told) = (String::from_utf8(output.stdout.clone()).unwrap(), stderr(&output));
+    assert_eq!(output.status.code(), Some(0), "{told}");
+    let rows: Vec<&str> = said.lines().collect();
+    assert!(rows[0].starts_with("z_mm,c_deg,ex_um,ey_um,ez_um,u_ex_um"), "{said}");
+    assert!(rows[1].starts_with("400,0,0.000,0.000,0.000,0.000"), "{said}");
+    let off: Vec<f64> = rows[2].split(',').map(|cell| cell.parse().unwrap()).collect();
+    assert!((off[2].abs() - 200.0).abs() < 1e-3 && (off[5] - 4.0).abs() < 1e-3, "{said}");
+    assert!(told.contains("largest (200.0 ±") && told.contains("at Z400.000 C180.000"), "{told}");
+    let whole = shop.trued(&["predict", &file]);
+    assert!(stderr(&whole).contains("largest (200.0 ±"), "{}", stderr(&whole));
+}
+
+fn nonsense_is_refused_with_its_line() {
+    let shop = MachineShop::new(&built_in_machine());
+    let (file, poses) = (shop.file("est.json"), shop.file("poses.csv"));
+    std::fs::write(&file, estimate()).unwrap();
+    let refused = |text: &str, more: &[&str], words: &str| {
+        std::fs::write(&poses, text).unwrap();
+        let output = shop.trued(&[&["predict", &file, "--at", &poses], more].concat());
+        assert!(matches!(output.status.code(), Some(1 | 2)) && output.stdout.is_empty());
+        assert!(stderr(&output).contains(words), "{}", stderr(&output));
+    };
+    refused("x_mm\n0\n250\n", &[], "line 3: X 250.000 is outside -200.000 to 200.000");
+    refused("x_mm,q\n0,0\n", &[], "`q` is no column of a pose");
+    refused("x_mm\nnan\n", &[], "line 2: `nan` is no position of X");
+    refused("x_mm,y_mm\n1\n", &[], "line 2");
+    refused("x_mm\n0\n", &["--zero", "X0 half"], "`half` is no position of an axis");
+    std::fs::write(&poses, "x_mm\n250\n").unwrap();
+    let asked = shop.trued(&["predict", &file, "--at", &poses, "--extrapolate"]);
+    assert_eq!(asked.status.code(), Some(0), "{}", stderr(&asked));
+    std::fs::write(&file, estimate().replace("EX0C", "form")).unwrap();
+    refused("x_mm\n0\n", &[], "holds no errors of this machine's axes");
+}
+
+/// The touches of a round part, by the nominal machine.
+fn a_run_is_exported_as_points_of_the_workpiece() {
+    let shop = MachineShop::new(&built_in_machine());
+    assert_eq!(shop.run().status.code(), Some(0));
+    let folder = shop.file("out");
+    let exported = shop.trued(&["export", "1", "--to", &folder, "--frame", "workpiece"]);
+    assert_eq!(exported.status.code(), Some(0), "{}", stderr(&exported));
+    let points = std::fs::read_to_string(shop.path("out/run-1-points.csv")).unwrap();
+    let readings = std::fs::read_to_string(shop.path("out/run-1-readings.csv")).unwrap();
+    let rows = readings.lines().filter(|line| !line.starts_with('#')).count();
+    assert_eq!(points.lines().count(), rows);
+    assert!(points.starts_with("step,label,repeat,sensor,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm\n"));
+    let with = shop.trued(&["export", "1", "--to", &folder, "--with", "none.json"]);
+    assert_eq!(with.status.code(), Some(2), "{}", stderr(&with));
+}
+
+pub fn trials() -> Trials {
+    trials![Pool::Waiting, 0;
+        the_tip_is_off_as_reckoned_by_hand,
+        nonsense_is_refused_with_its_line,
+        a_run_is_exported_as_points_of_the_workpiece,
+    ]
+}
