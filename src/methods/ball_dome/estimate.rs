@@ -77,9 +77,10 @@ pub fn estimate(
     // The deviations come first.
     estimate.parameters.rotate_right(2 * variants.len());
     estimate.arrows = outputs::arrows(&setup, &observed, &points, [&variants[0], best]);
-    estimate
-        .functions
-        .extend(variants.iter().flat_map(|v| outputs::by_ball_and_place(v, &points, &observed)));
+    estimate.functions.extend(variants.iter().map(outputs::histogram));
+    let shown = [&variants[0], best];
+    let by = shown.into_iter().flat_map(|v| outputs::by_ball_and_place(v, &points, &observed));
+    estimate.functions.extend(by);
     Ok(Estimate {
         gauge: outputs::gauge(tool_ball_id(&setup, tool_ball)),
         not_identifiable: lost,

@@ -11,7 +11,9 @@ use crate::identification::{
     numbered_values,
 };
 use machine::Position;
-use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Function, Unit, VectorKind};
+use machine::record::estimate::{
+    Arrow, ArrowFigure, Arrows, FigureKind, Function, Unit, VectorKind,
+};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     causes: "error motions, sag of the table as it tilts, a machine that has changed since the estimate, an artefact \
@@ -51,6 +53,13 @@ pub fn outputs(model: &DomeModel<'_>) -> Outputs {
     }
 }
 
+/// Deviation of each measurement in the order of time.
+pub fn histogram(variant: &Variant) -> Function {
+    let norms = variant.fit.deviations.iter().map(|deviation| deviation.norm());
+    let symbol = format!("{}_deviation", variant.kind.name);
+    Function { figure: FigureKind::Histogram, ..numbered_values(&symbol, "measurement", norms) }
+}
+
 /// Mean deviation of each ball in the order of the artefact, and at each indexation.
 pub fn by_ball_and_place(variant: &Variant, points: &Points, observed: &Observed) -> [Function; 2] {
     let mean = |group: &dyn Fn(usize) -> bool| {
@@ -64,8 +73,8 @@ pub fn by_ball_and_place(variant: &Variant, points: &Points, observed: &Observed
     let of_place = (0..places).map(|place| mean(&|i| observed.centres[i].commanded == place));
     let name = variant.kind.name;
     [
-        numbered_values(&format!("{name}_by_ball"), "ball", of_ball),
-        numbered_values(&format!("{name}_by_indexation"), "indexation", of_place),
+        numbered_values(&format!("{name}_ball"), "ball", of_ball),
+        numbered_values(&format!("{name}_indexation"), "indexation", of_place),
     ]
 }
 
