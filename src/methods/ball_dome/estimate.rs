@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::found::{by_errors, variants};
 use super::model::DomeModel;
+use super::noise::noise_alone;
 use super::points::Points;
 use super::prior::known_machine;
 use super::settings::Settings;
@@ -51,13 +52,14 @@ pub fn estimate(
     let (variants, lost) = variants(&points, known.as_ref(), tool_ball);
     let of_readings = sources::of_readings(plan, points.chain(), &observed);
     let judged = known.as_ref().and_then(|_| variants.iter().position(|v| v.kind.name == "S3"));
+    let weights = weights(&points, &of_readings);
     let model = DomeModel {
         points: &points,
         variants: &variants,
         by_errors: &by_errors(&points, known.as_ref()),
         balls: setup.balls.balls.len(),
         judged,
-        weights: &weights(&points, &of_readings),
+        weights: &weights,
     };
     let mut sources = of_readings;
     let u_mm = setup.balls.certificate_u_mm.unwrap_or_default();
@@ -82,7 +84,10 @@ pub fn estimate(
     let by = shown.into_iter().flat_map(|v| outputs::by_ball_and_place(v, &points, &observed));
     estimate.functions.extend(by);
     Ok(Estimate {
-        gauge: outputs::gauge(tool_ball_id(&setup, tool_ball)),
+        gauge: outputs::gauge(
+            tool_ball_id(&setup, tool_ball),
+            noise_alone(&weights, &points.ball, u_mm),
+        ),
         not_identifiable: lost,
         warnings: outputs::warnings(&observed, known.is_some(), &identified),
         ..estimate

@@ -7,6 +7,7 @@ mod estimate;
 mod found;
 mod full_fit;
 mod model;
+mod noise;
 mod outputs;
 mod points;
 mod prior;

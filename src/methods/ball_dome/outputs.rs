@@ -107,9 +107,15 @@ pub fn arrows(
     shown.into_iter().map(figure).collect()
 }
 
-pub fn gauge(tool_ball: &str) -> Vec<String> {
+/// `alone_mm`: largest and mean deviation that the declared sources alone make.
+pub fn gauge(tool_ball: &str, alone_mm: [f64; 2]) -> Vec<String> {
+    let [largest, mean] = alone_mm.map(|mm| mm * 1e3);
     vec![
         "deviations: after one rigid fit of the certified places over all points".to_owned(),
+        format!(
+            "deviations hold the scatter of the measurement and the errors of the certificate: on a machine without errors \
+             these make a largest of about {largest:.1} µm and a mean of about {mean:.1} µm"
+        ),
         format!("N2, S2: the stylus that makes the places of ball {tool_ball} agree best"),
         "S4: the stylus of a fit of all machine errors to the certified places, less the spindle's offset of the \
          estimate that was taken as known"

@@ -1,0 +1,26 @@
+//! What the readings and the certificate alone make of the deviations, where the machine is right.
+
+use estimation::monte_carlo::{Random, Shape};
+use nalgebra::{Matrix3, Vector3};
+
+const TRIALS: usize = 100;
+const SEED: u64 = 0x6e6f_6973;
+
+/// Largest and mean deviation, mm, without what rigid fit and stylus take up. `weights`: of each point, to independent
+/// unit variances; `ball`: its ball; `u_mm`: of a coordinate of a certified place.
+pub fn noise_alone(weights: &[Matrix3<f64>], ball: &[usize], u_mm: f64) -> [f64; 2] {
+    let back: Vec<Matrix3<f64>> =
+        weights.iter().map(|weight| weight.try_inverse().unwrap_or_default()).collect();
+    let balls = ball.iter().max().map_or(0, |last| last + 1);
+    let mut random = Random::of(SEED, &[]);
+    let (mut largest, mut mean) = (0.0, 0.0);
+    for _ in 0..TRIALS {
+        let units = random.units(1, &vec![Shape::Normal; 3 * (ball.len() + balls)]);
+        let unit = |at: usize| Vector3::from_column_slice(&units[3 * at..3 * at + 3]);
+        let norm = |i: usize| (back[i] * unit(i) + unit(ball.len() + ball[i]) * u_mm).norm();
+        let norms: Vec<f64> = (0..ball.len()).map(norm).collect();
+        largest += norms.iter().copied().fold(0.0, f64::max) / TRIALS as f64;
+        mean += norms.iter().sum::<f64>() / (norms.len() * TRIALS) as f64;
+    }
+    [largest, mean]
+}
