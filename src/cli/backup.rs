@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::Exit;
-use super::args::BackupArgs;
 use super::failure::Failure;
 use super::files::state_folder;
+use super::result_args::BackupArgs;
 use crate::store;
 
 pub fn backup(args: &BackupArgs, state: Option<&Path>) -> Result<Exit, Failure> {

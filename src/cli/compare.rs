@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use super::args::CompareArgs;
 use super::failure::Failure;
 use super::files::state_folder;
+use super::result_args::CompareArgs;
 use super::{Exit, show};
 use crate::archive::compare::{CompareError, Comparison, compare};
 use crate::store::{Journal, RunId};

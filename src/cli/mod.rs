@@ -25,6 +25,7 @@ mod method_list;
 mod plan;
 mod predict;
 mod progress;
+mod result_args;
 mod resume;
 mod run;
 mod runs;

@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use super::Exit;
-use super::args::PredictArgs;
 use super::failure::Failure;
 use super::files::read_estimate;
+use super::result_args::PredictArgs;
 use crate::setup;
 use machine::{Axis, Position};
 use methods::prediction::{PoseError, Predictor, VolumeError};

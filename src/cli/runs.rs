@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use super::args::{ExportArgs, Frame, RunsArgs, ShowArgs};
 use super::failure::Failure;
 use super::files::{read_estimate, state_folder};
+use super::result_args::{ExportArgs, Frame, RunsArgs, ShowArgs};
 use super::{Exit, show, with_state};
 use crate::archive::story::{self, how_it_ended, story};
 use crate::report::{readings_csv, warmth};
