@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
+use crate::machine_text::changed;
 use crate::support::plan_player;
 use crate::touch_alone::touch_alone;
 use testing::population::is_full;
@@ -14,20 +15,12 @@ type Changes = Vec<(&'static str, Value)>;
 
 /// A built-in machine with other values; path: keys with dots between.
 fn machine(text: &str, seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
-    let mut table: Table = text.parse().unwrap();
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
         ("method.samba.monte_carlo_trials", Value::Integer(100)),
         ("method.ball-dome.monte_carlo_trials", Value::Integer(200)),
     ];
-    for (path, value) in fixed.iter().chain(changes) {
-        let (tables, key) = path.rsplit_once('.').unwrap();
-        let inner = tables.split('.').fold(&mut table, |table, key| {
-            table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap()
-        });
-        inner.insert(key.to_owned(), value.clone());
-    }
-    MachineFile::parse("world.toml", toml::to_string(&table).unwrap()).unwrap()
+    changed(text, fixed.iter().chain(changes))
 }
 
 fn estimate(method: &str, file: &MachineFile, priors: Vec<Estimate>) -> Estimate {

@@ -15,6 +15,7 @@ use simulator::World;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
+use crate::machine_text::changed;
 use crate::support::plan_player;
 use crate::touch_alone::touch_alone;
 use estimation::random::stream;
@@ -30,7 +31,6 @@ type Changes = Vec<(&'static str, Value)>;
 
 /// The built-in machine with other values; path: keys with dots between.
 fn machine(seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
-    let mut table: Table = include_str!("../../config/ball-plate.toml").parse().unwrap();
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
         // The plan is played without a search.
@@ -38,14 +38,7 @@ fn machine(seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
         ("method.ball-plate.monte_carlo_trials", Value::Integer(100)),
         ("method.ball-plate.references", Value::Boolean(false)),
     ];
-    for (path, value) in fixed.iter().chain(changes) {
-        let (tables, key) = path.rsplit_once('.').unwrap();
-        let inner = tables.split('.').fold(&mut table, |table, key| {
-            table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap()
-        });
-        inner.insert(key.to_owned(), value.clone());
-    }
-    MachineFile::parse("world.toml", toml::to_string(&table).unwrap()).unwrap()
+    changed(include_str!("../../config/ball-plate.toml"), fixed.iter().chain(changes))
 }
 
 /// Balls at steps of 360°/`positions`, and a world without error motions above `harmonics`.

@@ -12,6 +12,7 @@ use simulator::World;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
+use crate::machine_text::changed;
 use crate::support::plan_player;
 use estimation::monte_carlo::{Random, Shape};
 use testing::population::{population, ratio_bounds};
@@ -25,19 +26,11 @@ const PRIOR_ERRORS: u64 = 0x7072_696f;
 
 /// The built-in machine with other values; `path`: keys with dots between.
 fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
-    let mut table: Table = include_str!("../../config/simulated.toml").parse().unwrap();
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
         ("method.self-calibration.monte_carlo_trials", Value::Integer(100)),
     ];
-    for (path, value) in fixed.iter().chain(changes) {
-        let (tables, key) = path.rsplit_once('.').unwrap();
-        let inner = tables.split('.').fold(&mut table, |table, key| {
-            table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap()
-        });
-        inner.insert(key.to_owned(), value.clone());
-    }
-    MachineFile::parse("world.toml", toml::to_string(&table).unwrap()).unwrap()
+    changed(include_str!("../../config/simulated.toml"), fixed.iter().chain(changes))
 }
 
 /// Motions of C in all components to order 20, and nothing else that disturbs.

@@ -14,6 +14,7 @@ mod kinematics_g0;
 mod known_motions;
 mod laser;
 mod latch_delay;
+mod machine_text;
 mod multiprobe;
 mod nist_strd;
 mod proof_sabotage;

@@ -15,6 +15,7 @@ use simulator::World;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
+use crate::machine_text::set;
 use crate::support::plan_player;
 use estimation::monte_carlo::{Random, Shape};
 use estimation::random::stream;
@@ -79,14 +80,6 @@ fn true_machine(file: &MachineFile, seed: u64) -> MachineFile {
     }
     set(&mut table, "simulated.sensor", truths.into());
     MachineFile::parse("truth.toml", toml::to_string(&table).unwrap()).unwrap()
-}
-
-fn set(table: &mut Table, path: &str, value: Value) {
-    let (tables, key) = path.rsplit_once('.').unwrap();
-    let inner = tables.split('.').fold(table, |table, key| {
-        table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap()
-    });
-    inner.insert(key.to_owned(), value);
 }
 
 struct Played {

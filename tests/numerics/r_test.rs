@@ -11,8 +11,9 @@ use methods::decision::function_difference::function_differences;
 use nalgebra::{Matrix2, Vector2};
 use simulator::World;
 use toml::{Table, Value};
-use trued::setup::{self, MachineFile};
+use trued::setup;
 
+use crate::machine_text::{parsed, set};
 use crate::support::plan_player;
 use testing::population::{is_full, population};
 
@@ -20,14 +21,6 @@ const R_TEST: &str = include_str!("../../config/r-test.toml");
 const SELF_CALIBRATION: &str = include_str!("../../config/simulated.toml");
 /// Height of the sphere over the table, mm.
 const HEIGHT_MM: f64 = 60.0;
-
-fn set(table: &mut Table, path: &str, value: Value) {
-    let (tables, key) = path.rsplit_once('.').unwrap();
-    let inner = tables.split('.').fold(table, |table, key| {
-        table.entry(key).or_insert_with(|| Table::new().into()).as_table_mut().unwrap()
-    });
-    inner.insert(key.to_owned(), value);
-}
 
 fn machine(seed: u64) -> Table {
     let mut table: Table = R_TEST.parse().unwrap();
@@ -40,10 +33,6 @@ fn machine(seed: u64) -> Table {
     // The simulated sphere has no form.
     set(&mut table, "method.r-test.u_sphere_form_um", Value::Float(0.0));
     table
-}
-
-fn parsed(table: &Table) -> MachineFile {
-    MachineFile::parse("world.toml", toml::to_string(table).unwrap()).unwrap()
 }
 
 struct Played {

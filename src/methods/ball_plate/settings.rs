@@ -97,21 +97,7 @@ impl Settings {
             format!("drift_order = {} follows the scatter of the touches", self.drift_order),
             format!("choose drift_order = 3, at most {MAX_DRIFT_ORDER}"),
         )?;
-        Refused::unless(
-            self.standoff_mm > 0.0 && self.search_mm > 0.0 && self.search_mm.is_finite(),
-            "standoff_mm and search_mm must be greater than 0",
-            "leave them out, or choose about 0.5 and 1.0",
-        )?;
-        Refused::unless(
-            (5..=100).contains(&self.touches),
-            format!("{} touches do not tell a ball from its dents", self.touches),
-            "choose touches = 5, or 15 for a form check",
-        )?;
-        Refused::unless(
-            self.form_limit_um > 0.0 && self.diameter_limit_um > 0.0,
-            "form_limit_um and diameter_limit_um must be greater than 0",
-            "leave them out, or choose about 15 and 30",
-        )?;
+        self.touch().check()?;
         Refused::check_trials(self.monte_carlo_trials)
     }
 

@@ -7,6 +7,7 @@ use methods::{IdentifyError, Method};
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
 
+use crate::machine_text::{parsed, set};
 use crate::support::plan_player;
 
 /// The machine file as a table.
@@ -24,12 +25,7 @@ impl World {
 
     /// `path`: keys with dots between; tables that are missing are made.
     pub fn with(mut self, path: &str, value: impl Into<Value>) -> Self {
-        let (tables, key) = path.rsplit_once('.').unwrap();
-        let table = tables.split('.').fold(&mut self.0, |table, key| {
-            let inner = table.entry(key).or_insert_with(|| Value::Table(Table::new()));
-            inner.as_table_mut().unwrap()
-        });
-        table.insert(key.to_owned(), value.into());
+        set(&mut self.0, path, value.into());
         self
     }
 
@@ -39,7 +35,7 @@ impl World {
 
     pub fn file(&self, seed: u64) -> MachineFile {
         let seeded = self.clone().with("simulated.seed", seed as i64);
-        MachineFile::parse("world.toml", toml::to_string(&seeded.0).unwrap()).unwrap()
+        parsed(&seeded.0)
     }
 
     pub fn header(&self) -> (Box<dyn Method>, Plan) {
