@@ -48,7 +48,8 @@ fn nonsense_is_refused_with_its_line() {
         assert!(matches!(output.status.code(), Some(1 | 2)) && output.stdout.is_empty());
         assert!(stderr(&output).contains(words), "{}", stderr(&output));
     };
-    refused("x_mm\n0\n250\n", &[], "line 3: X 250.000 is outside -200.000 to 200.000");
+    refused("x_mm,z_mm\n0,400\n250,400\n", &[], "line 3: X 250.000 is outside -200.000 to 200.000");
+    refused("x_mm\n0\n", &[], "line 2: Z 0.000 is outside 300.000 to 500.000");
     refused("x_mm,q\n0,0\n", &[], "`q` is no column of a pose");
     refused("x_mm\nnan\n", &[], "line 2: `nan` is no position of X");
     refused("x_mm,y_mm\n1\n", &[], "line 2");

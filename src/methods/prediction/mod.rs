@@ -81,19 +81,14 @@ impl<'a> Predictor<'a> {
         (off, chain.jacobian(at, point, &known.errors, &known.parameters()))
     }
 
-    /// Refuses a pose outside the ranges that the estimate was measured over.
+    /// Refuses a pose outside the ranges that the estimate was measured over; an axis that it does not name stands at 0.
     ///
     /// # Errors
     /// The axis, or that the estimate does not say what it was measured over.
     pub fn check(&self, at: &Position) -> Result<(), Refused> {
-        Refused::unless(
-            !self.measured.is_empty(),
-            "the estimate does not say over which ranges of the axes it was measured",
-            "identify it again from its run with this version, or ask for extrapolation (--extrapolate)",
-        )?;
-        for (axis, value) in at.iter() {
-            let value = axis.to_edge(value);
-            let Some([least, most]) = self.measured.get(&axis) else { continue };
+        self.check_ranges()?;
+        for (axis, [least, most]) in self.measured {
+            let value = axis.to_edge(at.get(*axis).unwrap_or_default());
             Refused::unless(
                 (*least..=*most).contains(&value),
                 format!(
@@ -103,6 +98,14 @@ impl<'a> Predictor<'a> {
             )?;
         }
         Ok(())
+    }
+
+    fn check_ranges(&self) -> Result<(), Refused> {
+        Refused::unless(
+            !self.measured.is_empty(),
+            "the estimate does not say over which ranges of the axes it was measured",
+            "identify it again from its run with this version, or ask for extrapolation (--extrapolate)",
+        )
     }
 
     pub fn at(&self, at: &Position) -> PoseError {

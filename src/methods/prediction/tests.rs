@@ -97,6 +97,11 @@ fn what_was_not_measured_is_refused() {
     assert!(predictor.check(&position([250.0, 0.0, 0.0], [1.0, 0.0, 0.0])).is_ok());
     let why = predictor.check(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().why;
     assert!(why.contains("X 350.000 is outside -300.000 to 300.000"), "{why}");
+    // An axis that the pose does not name stands at 0.
+    estimate.measured.insert(Axis::Z, [300.0, 500.0]);
+    let predictor = Predictor::new(&machine, &estimate, None).unwrap();
+    let why = predictor.check(&Position::new().with(Axis::X, 1.0)).unwrap_err().why;
+    assert!(why.contains("Z 0.000 is outside 300.000 to 500.000"), "{why}");
     estimate.measured.clear();
     let predictor = Predictor::new(&machine, &estimate, None).unwrap();
     assert!(predictor.check(&Position::new()).unwrap_err().why.contains("does not say"));

@@ -34,7 +34,7 @@ impl Predictor<'_> {
     /// # Errors
     /// The estimate does not say what it was measured over.
     pub fn volume(&self) -> Result<Vec<Position>, Refused> {
-        self.check(&Position::new())?;
+        self.check_ranges()?;
         let mut poses = vec![Position::new()];
         for (axis, [least, most]) in self.measured.iter().filter(|(axis, _)| **axis != Axis::S) {
             let count = match axis.is_linear() {

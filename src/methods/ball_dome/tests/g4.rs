@@ -50,13 +50,13 @@ fn paper_table_3_stands_in_the_built_in_file() {
 }
 
 #[test]
-fn paper_deviations_without_noise() {
+fn g4_deviations_without_noise() {
     let all = results(|| 0.0);
     let of = |name: &str| *all.iter().find(|(own, ..)| *own == name).unwrap();
     let largest = |name: &str| of(name).1;
     assert!((165.0..190.0).contains(&largest("N1")));
-    assert!((125.0..150.0).contains(&largest("N3")) && (of("N3").3.x + 0.05).abs() < 0.01);
-    assert!((42.0..65.0).contains(&largest("S1")));
+    assert!((125.0..134.0).contains(&largest("N3")) && (of("N3").3.x + 0.05).abs() < 0.01);
+    assert!((42.0..45.0).contains(&largest("S1")));
     for name in ["S2", "S3", "S4"] {
         assert!(largest(name) < 0.01, "{name}: {}", largest(name));
         assert!((of(name).3 - Vector3::new(-0.012, -0.012, -326.746)).norm() < 1e-5);
@@ -64,7 +64,7 @@ fn paper_deviations_without_noise() {
 }
 
 #[test]
-fn paper_deviations_with_noise() {
+fn g4_deviations_with_noise() {
     let mut random = stream(1, &[4]);
     let all = results(|| 1e-3 * Distribution::<f64>::sample(&StandardNormal, &mut random));
     let of = |name: &str| all.iter().find(|(own, ..)| *own == name).unwrap();
