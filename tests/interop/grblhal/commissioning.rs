@@ -35,7 +35,7 @@ impl Operator<'_> {
     }
 
     fn release(&self) -> Result<(), Failed> {
-        self.rig.command(b"\x18")?;
+        self.rig.reset()?;
         self.rig.home()
     }
 }

@@ -56,7 +56,7 @@ fn does_not_go_on(rig: &Rig, desk: &Desk, named: &str) -> Result<(), Failed> {
 pub fn a_run_that_was_held_at_the_machine_goes_on() -> Result<(), Failed> {
     let mut rig = Rig::homed(&[])?;
     let desk = held(&mut rig, |rig| rig.press('h'))?;
-    rig.command(b"\x18")?;
+    rig.reset()?;
     does_not_go_on(&rig, &desk, "not homed")?;
     rig.home()?;
     goes_on(&desk)

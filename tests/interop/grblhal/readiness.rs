@@ -45,15 +45,15 @@ pub fn a_control_that_is_not_ready_is_sent_no_motion() -> Result<(), Failed> {
         is_refused(&rig, &desk, named)?;
         rig.ask(right)?;
     }
-    for (wrong, right, named) in [
-        (FEED_200, FEED_100, ["feed 200 %", "100 %"]),
-        (RAPID_25, RAPID_100, ["rapid 25 %", "100 %"]),
+    for (wrong, reported, right, named) in [
+        (FEED_200, "|Ov:200,100,", FEED_100, ["feed 200 %", "100 %"]),
+        (RAPID_25, "|Ov:100,25,", RAPID_100, ["rapid 25 %", "100 %"]),
     ] {
-        rig.command(wrong)?;
+        rig.command(wrong, reported)?;
         is_refused(&rig, &desk, named)?;
-        rig.command(right)?;
+        rig.command(right, "|Ov:100,100,")?;
     }
-    rig.command(b"\x18")?;
+    rig.reset()?;
     is_refused(&rig, &desk, ["not homed", "$H"])?;
     rig.home()?;
     rig.start_again()?;

@@ -134,12 +134,29 @@ impl Rig {
         Err(format!("the firmware answers `{line}` by `{answer}`").into())
     }
 
-    /// Real-time commands at the control, while nothing else is connected.
-    pub fn command(&self, bytes: &[u8]) -> Result<(), Failed> {
+    /// Real-time commands at the control, while nothing else is connected, until a report says `done`.
+    pub fn command(&self, bytes: &[u8], done: &str) -> Result<(), Failed> {
         let mut wire = TcpStream::connect(("127.0.0.1", self.port))?;
+        wire.set_read_timeout(Some(Duration::from_millis(100)))?;
         wire.write_all(bytes)?;
-        sleep(Duration::from_millis(200));
+        let (started, mut answer, mut bytes) = (Instant::now(), String::new(), [0; 4096]);
+        while !answer.contains(done) {
+            if started.elapsed() > PATIENCE {
+                return Err(format!("the firmware says {answer:?}, and not {done}").into());
+            }
+            wire.write_all(b"?")?;
+            match wire.read(&mut bytes) {
+                Ok(count) => answer += &String::from_utf8_lossy(&bytes[..count]),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
         Ok(())
+    }
+
+    /// Ctrl-X at the control.
+    pub fn reset(&self) -> Result<(), Failed> {
+        self.command(b"\x18", "GrblHAL")
     }
 
     /// Press or release a button at the machine: `h` feed hold, `r` reset; `p` deflects the stylus.

@@ -36,11 +36,14 @@ pub async fn page(
 
 fn values(journal: &Journal, machine: &Shown) -> Result<Value, Problem> {
     let Shown { name, desk, tolerance, .. } = machine;
+    // Before the journal, which is the first to know of a held run: of a change that comes between them the
+    // page is told, and is made anew.
+    let standing = standing(machine);
     let (all, (runs, waits)) = (history(journal, name, tolerance)?, newest(journal, name)?);
     let views = views::of_run(journal, RunId(desk.board().run.into()))?;
     machine.last.look(journal, name)?;
     Ok(context! {
-        machine => standing(machine),
+        machine => standing,
         views,
         waits,
         vouch => machine.demand.iter().map(vouch).collect::<Vec<_>>(),
