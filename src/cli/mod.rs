@@ -66,7 +66,7 @@ impl From<Verdict> for Exit {
         match verdict {
             Verdict::Pass | Verdict::None => Exit::Pass,
             Verdict::Fail => Exit::Fail,
-            Verdict::Undecided => Exit::Undecided,
+            Verdict::Undecided | Verdict::UndecidedModel => Exit::Undecided,
         }
     }
 }

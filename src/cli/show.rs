@@ -59,6 +59,9 @@ pub fn in_words(verdict: Verdict) -> &'static str {
         Verdict::Pass => "pass (inside tolerance with its uncertainty)",
         Verdict::Fail => "fail (outside tolerance beyond its uncertainty)",
         Verdict::Undecided => "undecided (the uncertainty reaches across the tolerance)",
+        Verdict::UndecidedModel => {
+            "undecided (model: the readings contradict it or what is declared; each U is a lower bound)"
+        }
         Verdict::None => "none (no tolerance is stated)",
     }
 }

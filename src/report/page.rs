@@ -85,6 +85,10 @@ fn verdict(verdict: Verdict) -> Value {
         Verdict::Pass => ("pass", "Pass: within tolerance, uncertainty included"),
         Verdict::Fail => ("fail", "Fail: out of tolerance, uncertainty included"),
         Verdict::Undecided => ("undecided", "Undecided: the uncertainty reaches over the limit"),
+        Verdict::UndecidedModel => (
+            "undecided",
+            "Undecided (model): the readings contradict the model or what is declared; each U is a lower bound",
+        ),
         Verdict::None => ("none", "No verdict: no tolerance was given"),
     };
     context! { class, text }

@@ -250,7 +250,7 @@ impl Attendant {
         };
         let told = match (&measured, &why) {
             (Ok((run, estimate)), _) => {
-                format!("run {run} is finished, verdict {:?}", estimate.verdict)
+                format!("run {run} is finished, verdict {}", estimate.verdict)
             }
             (_, Some(Failure { what, remedy: Some(remedy) })) => format!("{what}; {remedy}"),
             (Err(Failed::Cycle(error)), None) => of_cycle(error).what,

@@ -76,7 +76,7 @@ fn show_result(desk: &Desk, log: &Log, run: RunId, stored: Result<Estimate, Unid
         Ok(estimate) => {
             desk.tally().ended(Outcome::Judged(estimate.verdict));
             desk.show(|board| board.identified = board.identified.wrapping_add(1));
-            log.say(&format!("run {run} is identified, verdict {:?}", estimate.verdict));
+            log.say(&format!("run {run} is identified, verdict {}", estimate.verdict));
         }
         Err(why) => {
             desk.tally().ended(Outcome::Failed);

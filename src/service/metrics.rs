@@ -43,10 +43,11 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    const ALL: [Self; 6] = [
+    const ALL: [Self; 7] = [
         Self::Judged(Verdict::Pass),
         Self::Judged(Verdict::Fail),
         Self::Judged(Verdict::Undecided),
+        Self::Judged(Verdict::UndecidedModel),
         Self::Judged(Verdict::None),
         Self::Held,
         Self::Failed,
@@ -57,6 +58,7 @@ impl Outcome {
             Self::Judged(Verdict::Pass) => "pass",
             Self::Judged(Verdict::Fail) => "fail",
             Self::Judged(Verdict::Undecided) => "undecided",
+            Self::Judged(Verdict::UndecidedModel) => "undecided_model",
             Self::Judged(Verdict::None) => "none",
             Self::Held => "held",
             Self::Failed => "failed",

@@ -8,6 +8,7 @@ mod ball_motions;
 mod ball_plate;
 mod centring;
 mod compare;
+mod dome_sweep;
 mod dome_travel;
 mod five_axes;
 mod kinematics_g0;

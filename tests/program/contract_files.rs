@@ -169,9 +169,10 @@ fn an_estimate_is_written_with_the_keys_of_the_contract() {
     let units = [Unit::Um, Unit::Urad, Unit::UmPerM, Unit::Mm];
     let units = units.map(|unit| text(serde_json::to_value(unit).unwrap()));
     assert_eq!(units, ["um", "urad", "um/m", "mm"]);
-    let verdicts = [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::None];
+    let verdicts =
+        [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::UndecidedModel, Verdict::None];
     let verdicts = verdicts.map(|verdict| text(serde_json::to_value(verdict).unwrap()));
-    assert_eq!(verdicts, ["pass", "fail", "undecided", "none"]);
+    assert_eq!(verdicts, ["pass", "fail", "undecided", "undecided (model)", "none"]);
 }
 
 /// A file read from JSON and written again says the same to the last bit.

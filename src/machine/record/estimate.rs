@@ -1,6 +1,7 @@
 //! The estimate: the published result. Each value has its unit beside it.
 
 use std::collections::BTreeMap;
+use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
@@ -205,9 +206,21 @@ pub struct Limit {
 pub enum Verdict {
     Pass,
     Fail,
+    /// The uncertainty reaches across a limit.
     Undecided,
+    /// The readings contradict the model and the declared sources: no uncertainty can be trusted,
+    /// whatever the limits.
+    #[serde(rename = "undecided (model)")]
+    UndecidedModel,
+    /// No limit is stated.
     #[default]
     None,
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

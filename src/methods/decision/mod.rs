@@ -11,8 +11,12 @@ use machine::record::estimate::{Estimate, Limit, Parameter, Verdict};
 /// Judge every parameter that has a tolerance, with the expanded uncertainty as guard band on both
 /// sides (ISO 14253-1): pass only if the whole interval lies inside, fail only if it lies outside,
 /// otherwise undecided. The worst parameter decides; a limit for something that was not estimated, or
-/// in another unit, leaves it undecided; without any limit there is no verdict.
+/// in another unit, leaves it undecided; without any limit there is no verdict. A misfit that the
+/// identification has found stands, whatever the limits.
 pub fn judge(estimate: &Estimate, limits: &[Limit]) -> Verdict {
+    if estimate.verdict == Verdict::UndecidedModel {
+        return Verdict::UndecidedModel;
+    }
     let verdicts: Vec<Verdict> = limits
         .iter()
         .map(|limit| {

@@ -73,7 +73,7 @@ impl Identification {
                 true => misfit.chi2 / misfit.expected,
                 false => 0.0,
             },
-            verdict: Verdict::None,
+            verdict: if misfit.above { Verdict::UndecidedModel } else { Verdict::None },
             warnings: Vec::new(),
             priors: Vec::new(),
             measured: BTreeMap::new(),

@@ -67,10 +67,7 @@ impl Books {
             None => (Outcome::Failed, "it ended before it had a run".to_owned()),
             Some(Err(error)) => (Outcome::Failed, error.to_string()),
             Some(Ok(stored)) => match stored.estimates.last() {
-                Some(last) => {
-                    let verdict = format!("{:?}", last.estimate.verdict).to_lowercase();
-                    (Outcome::Ran, format!("verdict {verdict}"))
-                }
+                Some(last) => (Outcome::Ran, format!("verdict {}", last.estimate.verdict)),
                 None => {
                     let state = stored.summary.state.as_str();
                     (Outcome::Failed, format!("run {} is {state}, without a result", slot.run))

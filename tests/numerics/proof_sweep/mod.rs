@@ -16,19 +16,19 @@ use serde_json::json;
 
 use testing::population::population;
 
-type Matrix = [[f64; 4]; 4];
-type Point = [f64; 3];
+pub type Matrix = [[f64; 4]; 4];
+pub type Point = [f64; 3];
 
-fn times(a: &Matrix, b: &Matrix) -> Matrix {
+pub fn times(a: &Matrix, b: &Matrix) -> Matrix {
     std::array::from_fn(|i| std::array::from_fn(|j| (0..4).map(|k| a[i][k] * b[k][j]).sum()))
 }
 
-fn moved([x, y, z]: Point) -> Matrix {
+pub fn moved([x, y, z]: Point) -> Matrix {
     [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]]
 }
 
 /// About the line through `at` parallel to X, Y or Z (0, 1, 2), degrees, right-handed.
-fn turned(axis: usize, at: Point, degrees: f64) -> Matrix {
+pub fn turned(axis: usize, at: Point, degrees: f64) -> Matrix {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
     let mut turn = moved([0.0; 3]);
@@ -41,7 +41,7 @@ fn mapped(m: &Matrix, p: Point) -> Point {
 }
 
 /// Of a rigid matrix: back to where `p` came from.
-fn unmapped(m: &Matrix, p: Point) -> Point {
+pub fn unmapped(m: &Matrix, p: Point) -> Point {
     let off: Point = std::array::from_fn(|i| p[i] - m[i][3]);
     std::array::from_fn(|i| m[0][i] * off[0] + m[1][i] * off[1] + m[2][i] * off[2])
 }
@@ -54,32 +54,32 @@ fn between(from: &Matrix, into: &Matrix) -> Matrix {
     times(&back, from)
 }
 
-fn length(p: Point) -> f64 {
+pub fn length(p: Point) -> f64 {
     (p[0] * p[0] + p[1] * p[1] + p[2] * p[2]).sqrt()
 }
 
-fn minus(a: Point, b: Point) -> Point {
+pub fn minus(a: Point, b: Point) -> Point {
     std::array::from_fn(|i| a[i] - b[i])
 }
 
 #[derive(Clone)]
-struct Solid {
-    from: Point,
-    to: Point,
-    radius: Option<f64>,
+pub struct Solid {
+    pub from: Point,
+    pub to: Point,
+    pub radius: Option<f64>,
 }
 
 impl Solid {
-    fn middle(&self) -> Point {
+    pub fn middle(&self) -> Point {
         std::array::from_fn(|i| (self.from[i] + self.to[i]) / 2.0)
     }
 
-    fn bound(&self) -> f64 {
+    pub fn bound(&self) -> f64 {
         (length(minus(self.to, self.from)) / 2.0).hypot(self.radius.unwrap_or(0.0))
     }
 
     /// Distance of a point from it, 0 inside.
-    fn distance(&self, p: Point) -> f64 {
+    pub fn distance(&self, p: Point) -> f64 {
         let Some(radius) = self.radius else {
             let beyond = |i: usize| {
                 let (low, high) = (self.from[i].min(self.to[i]), self.from[i].max(self.to[i]));

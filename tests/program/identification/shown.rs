@@ -69,7 +69,7 @@ pub fn the_daemon_identifies_a_measured_run() {
         (&Value::Null, &json!("waiting"))
     );
     assert!(http.text(PAGE).contains("class=\"glance true\""));
-    daemon.wait_for_log("run 2 is identified, verdict Pass");
+    daemon.wait_for_log("run 2 is identified, verdict pass");
     assert!(!daemon.log().contains("begins"), "{}", daemon.log());
     let stored = Journal::open(&shop.state()).unwrap().load(run).unwrap();
     assert_eq!((stored.estimates.len(), shop.states()), (1, vec!["finished".into(); 2]));

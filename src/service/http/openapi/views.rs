@@ -34,6 +34,9 @@ pub enum VerdictView {
     Pass,
     Fail,
     Undecided,
+    /// The readings contradict the model or the declared uncertainties.
+    #[schema(rename = "undecided (model)")]
+    UndecidedModel,
     /// Measured; no tolerance is stated.
     None,
 }
@@ -315,7 +318,13 @@ mod tests {
         let audit = Audit { who, what, why, machine, run: 1, outcome };
         same::<AuditView>(Audited { seq: 1, at: jiff::Timestamp::UNIX_EPOCH, audit });
         let schema = serde_json::to_value(VerdictView::schema()).unwrap();
-        let all = [Verdict::Pass, Verdict::Fail, Verdict::Undecided, Verdict::None];
+        let all = [
+            Verdict::Pass,
+            Verdict::Fail,
+            Verdict::Undecided,
+            Verdict::UndecidedModel,
+            Verdict::None,
+        ];
         assert_eq!(schema["enum"], serde_json::to_value(all).unwrap());
     }
 }

@@ -163,6 +163,7 @@ pub fn of_verdict(verdict: Verdict) -> (&'static str, &'static str) {
         Verdict::Pass => ("true", "true"),
         Verdict::Fail => ("untrue", "not true"),
         Verdict::Undecided => ("unknown", "undecided"),
+        Verdict::UndecidedModel => ("unknown", "undecided: the readings contradict the model"),
         Verdict::None => ("unknown", "measured, no tolerance stated"),
     }
 }

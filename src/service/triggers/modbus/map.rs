@@ -86,6 +86,7 @@ pub fn image(board: &Board, said: Said, heartbeat: u16) -> [u16; INPUTS] {
         Some(Verdict::Fail) => 2,
         Some(Verdict::Undecided) => 3,
         Some(Verdict::None) => 4,
+        Some(Verdict::UndecidedModel) => 5,
     };
     let flags = [said.fresh, said.enable, said.auto, said.door, said.stop];
     let mask = flags.iter().rev().fold(0, |mask, flag| mask << 1 | u16::from(*flag));
