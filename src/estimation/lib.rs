@@ -19,6 +19,7 @@ pub mod rigid;
 pub mod schur;
 pub mod smooth;
 pub mod sphere;
+pub mod thin_svd;
 pub mod trigonometric;
 pub mod whitening;
 

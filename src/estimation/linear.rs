@@ -6,8 +6,9 @@
 //! Computations, section 6.2). In this order the singular values do not depend on the basis
 //! chosen, and a constraint `x_j = 0` gives exactly the condition of the matrix without column j.
 
-use faer::linalg::solvers::Svd;
 use faer::{Mat, MatRef};
+
+use crate::thin_svd::ThinSvd;
 
 /// Relative threshold of singular values below which a direction counts as lost.
 pub const RANK_THRESHOLD: f64 = 1e-10;
@@ -75,8 +76,6 @@ pub enum LinearError {
     RankDeficient(Box<Survey>),
     #[error("the least-squares problem is malformed: {0}; correct the input")]
     Malformed(&'static str),
-    #[error("the singular value decomposition did not converge; check the scale of the unknowns")]
-    NoConvergence,
 }
 
 /// Solve the problem, or say what keeps it from being solved.
@@ -95,7 +94,7 @@ pub fn solve(problem: &LinearProblem<'_>) -> Result<LinearSolution, LinearError>
         return Err(LinearError::RankDeficient(Box::new(found)));
     }
     let root = reduced.covariance_root();
-    let u = reduced.svd.U();
+    let u = &reduced.svd.u;
     let weighted_u = Mat::from_fn(a.nrows(), root.ncols(), |i, j| u[(i, j)] / sigma[i]);
     let gain = &root * weighted_u.transpose();
     let x = product(gain.as_ref(), y);
@@ -130,8 +129,8 @@ pub fn survey(
         nullity: scaled.free() - scaled.rank,
         condition: scaled.condition(),
         condition_unscaled: unscaled.condition(),
-        singular_values: singular_values(&scaled.svd),
         null_space: scaled.null_space(),
+        singular_values: scaled.svd.s,
     })
 }
 
@@ -142,7 +141,7 @@ const ROUNDING: f64 = 1e-13;
 struct Reduced {
     /// Unknowns × free: x = basis·v, scale and constraints taken in.
     basis: Mat<f64>,
-    svd: Svd<f64>,
+    svd: ThinSvd,
     rank: usize,
 }
 
@@ -159,12 +158,12 @@ impl Reduced {
         if constraints.is_some_and(|c| c.ncols() != a.ncols()) {
             return Err(LinearError::Malformed("constraints and matrix differ in their unknowns"));
         }
-        let basis = free_basis(scale, constraints)?;
+        let basis = free_basis(scale, constraints);
         if basis.ncols() == 0 {
             return Err(LinearError::Malformed("no unknown is free"));
         }
-        let svd = padded_svd(&(a * &basis))?;
-        let rank = rank_of(&singular_values(&svd), threshold);
+        let svd = ThinSvd::of(&(a * &basis));
+        let rank = rank_of(&svd.s, threshold);
         Ok(Self { basis, svd, rank })
     }
 
@@ -173,7 +172,7 @@ impl Reduced {
     }
 
     fn condition(&self) -> f64 {
-        let values = singular_values(&self.svd);
+        let values = &self.svd.s;
         match self.rank {
             0 => f64::INFINITY,
             rank => values[0] / values[rank - 1],
@@ -182,14 +181,13 @@ impl Reduced {
 
     /// T with covariance T·Tᵀ: basis·V·S⁻¹ over the directions that are seen.
     fn covariance_root(&self) -> Mat<f64> {
-        let values = singular_values(&self.svd);
-        let v = self.svd.V();
-        let scaled = Mat::from_fn(self.free(), self.rank, |i, j| v[(i, j)] / values[j]);
+        let ThinSvd { s, v, .. } = &self.svd;
+        let scaled = Mat::from_fn(self.free(), self.rank, |i, j| v[(i, j)] / s[j]);
         &self.basis * scaled
     }
 
     fn null_space(&self) -> Mat<f64> {
-        let mut directions = &self.basis * self.svd.V().get(.., self.rank..);
+        let mut directions = &self.basis * self.svd.v.get(.., self.rank..);
         for j in 0..directions.ncols() {
             let scale = unit_scale(directions.col(j).norm_l2());
             directions.col_mut(j).iter_mut().for_each(|entry| *entry *= scale);
@@ -206,34 +204,19 @@ fn column_scale(a: MatRef<'_, f64>) -> Vec<f64> {
 }
 
 /// Unknowns × free: diag(scale)·Z, Z an orthonormal basis of the null space of C·diag(scale).
-fn free_basis(
-    scale: &[f64],
-    constraints: Option<MatRef<'_, f64>>,
-) -> Result<Mat<f64>, LinearError> {
+fn free_basis(scale: &[f64], constraints: Option<MatRef<'_, f64>>) -> Mat<f64> {
     let n = scale.len();
     let Some(c) = constraints.filter(|c| c.nrows() > 0) else {
-        return Ok(Mat::from_fn(n, n, |i, j| if i == j { scale[i] } else { 0.0 }));
+        return Mat::from_fn(n, n, |i, j| if i == j { scale[i] } else { 0.0 });
     };
     let mut scaled = Mat::from_fn(c.nrows(), n, |i, j| c[(i, j)] * scale[j]);
     for i in 0..scaled.nrows() {
         let row_scale = unit_scale(scaled.row(i).norm_l2());
         scaled.row_mut(i).iter_mut().for_each(|entry| *entry *= row_scale);
     }
-    let svd = padded_svd(&scaled)?;
-    let fixed = rank_of(&singular_values(&svd), CONSTRAINT_THRESHOLD);
-    let v = svd.V();
-    Ok(Mat::from_fn(n, n - fixed, |i, j| scale[i] * v[(i, fixed + j)]))
-}
-
-/// Thin SVD with a square V: rows of zeros are added where there are fewer rows than columns.
-fn padded_svd(a: &Mat<f64>) -> Result<Svd<f64>, LinearError> {
-    let rows = a.nrows().max(a.ncols());
-    let padded = Mat::from_fn(rows, a.ncols(), |i, j| if i < a.nrows() { a[(i, j)] } else { 0.0 });
-    padded.thin_svd().map_err(|_| LinearError::NoConvergence)
-}
-
-fn singular_values(svd: &Svd<f64>) -> Vec<f64> {
-    svd.S().column_vector().iter().copied().collect()
+    let ThinSvd { s, v, .. } = ThinSvd::of(&scaled);
+    let fixed = rank_of(&s, CONSTRAINT_THRESHOLD);
+    Mat::from_fn(n, n - fixed, |i, j| scale[i] * v[(i, fixed + j)])
 }
 
 fn rank_of(descending: &[f64], threshold: f64) -> usize {

@@ -3,6 +3,7 @@
 
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, Survey, lower_root};
 use estimation::null_names::name_null_space;
+use estimation::thin_svd::ThinSvd;
 use faer::{Mat, MatRef};
 
 use super::harmonics::order_values;
@@ -52,7 +53,7 @@ impl BlockFit {
         let survey = linear::survey(full.as_ref(), None, RANK_THRESHOLD).map_err(numerical)?;
         let Survey { null_space, rank, .. } = survey;
         let constraints = null_space.transpose().to_owned();
-        let reduction = reduction(equations)?;
+        let reduction = reduction(equations);
         let design = &reduction * full;
         let problem = LinearProblem {
             a: design.as_ref(),
@@ -112,25 +113,22 @@ fn numerical(error: linear::LinearError) -> IdentifyError {
 }
 
 /// Of each group, an orthonormal basis of its weighted rows of the design.
-fn reduction(equations: &BlockEquations) -> Result<Mat<f64>, IdentifyError> {
+fn reduction(equations: &BlockEquations) -> Mat<f64> {
     let BlockEquations { design, sigma_mm, groups, .. } = equations;
     let count = groups.iter().map(|group| group + 1).max().unwrap_or(0);
     let mut basis: Vec<Vec<f64>> = Vec::new();
     for group in 0..count {
         let own: Vec<usize> = (0..design.nrows()).filter(|i| groups[*i] == group).collect();
         let entry = |i: usize, j: usize| design[(own[i], j)] / sigma_mm[own[i]];
-        let svd = Mat::from_fn(own.len(), design.ncols(), entry)
-            .thin_svd()
-            .map_err(|_| numerical(linear::LinearError::NoConvergence))?;
-        let values: Vec<f64> = svd.S().column_vector().iter().copied().collect();
-        let is_kept = |j: &usize| values[*j] > RANK_THRESHOLD * values[0];
-        for j in (0..values.len()).filter(is_kept) {
+        let ThinSvd { u, s, .. } = ThinSvd::of(&Mat::from_fn(own.len(), design.ncols(), entry));
+        let is_kept = |j: &usize| s[*j] > RANK_THRESHOLD * s[0];
+        for j in (0..s.len()).filter(is_kept) {
             let mut row = vec![0.0; design.nrows()];
-            own.iter().enumerate().for_each(|(i, at)| row[*at] = svd.U()[(i, j)] / sigma_mm[*at]);
+            own.iter().enumerate().for_each(|(i, at)| row[*at] = u[(i, j)] / sigma_mm[*at]);
             basis.push(row);
         }
     }
-    Ok(Mat::from_fn(basis.len(), design.nrows(), |i, j| basis[i][j]))
+    Mat::from_fn(basis.len(), design.nrows(), |i, j| basis[i][j])
 }
 
 /// All blocks, of equally many unknowns. Unknowns and reduced observations: block after block.
