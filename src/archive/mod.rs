@@ -5,6 +5,7 @@ pub mod compare;
 pub mod history;
 pub mod report;
 pub mod story;
+mod volume;
 
 #[cfg(test)]
 mod tests;

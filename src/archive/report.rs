@@ -1,6 +1,7 @@
 //! The report of a stored run.
 
 use super::story::{signed, story};
+use super::volume::volume;
 use crate::report::{page, warmth};
 use crate::store::{Journal, RunId, StoreError};
 use machine::record::event::Event;
@@ -48,6 +49,7 @@ pub fn report(journal: &Journal, run: RunId) -> Result<String, ReportError> {
         state: stored.summary.state.as_str().to_owned(),
         story: story(&stored),
         signed: Some(signed(&stored)),
+        volume: volume(&stored.plan.machine, &last.estimate),
         proofs: stored.events.iter().filter_map(|(_, event)| proof_of(event)).collect(),
     };
     Ok(page::render(&stored.plan, &last.estimate, &facts)?)

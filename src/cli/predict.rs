@@ -8,7 +8,7 @@ use super::files::read_estimate;
 use super::result_args::PredictArgs;
 use crate::setup;
 use machine::{Axis, Position};
-use methods::prediction::{PoseError, Predictor, VolumeError};
+use methods::prediction::{PoseError, Predictor, WorkZero};
 
 const COLUMNS: [(&str, Axis); 7] = [
     ("x_mm", Axis::X),
@@ -23,8 +23,12 @@ const COLUMNS: [(&str, Axis); 7] = [
 pub fn predict(args: &PredictArgs) -> Result<Exit, Failure> {
     let estimate = read_estimate(&args.estimate)?;
     let machine = setup::load(args.machine.as_deref(), &estimate.method)?.machine;
-    let zero = args.zero.as_deref().map(pose_in_words).transpose()?;
-    let predictor = Predictor::new(&machine, &estimate, zero.as_ref())?;
+    let zero = match &args.zero {
+        _ if args.without_tool_centre_control => WorkZero::EachTime,
+        Some(words) => WorkZero::At(pose_in_words(words)?),
+        None => WorkZero::OnTable,
+    };
+    let predictor = Predictor::new(&machine, &estimate, zero)?;
     let poses = match &args.at {
         Some(file) => {
             let (axes, poses) = read_poses(file)?;
@@ -37,7 +41,16 @@ pub fn predict(args: &PredictArgs) -> Result<Exit, Failure> {
         }
         None => predictor.volume()?,
     };
-    summarise(&predictor, &poses);
+    for line in Predictor::in_words(predictor.volume_errors(&poses), &poses) {
+        tell!("{line}");
+    }
+    if let Some(corrected) = &args.corrected {
+        let symbols: Vec<&str> = match corrected.as_str() {
+            "all" => predictor.symbols().to_vec(),
+            some => some.split(',').collect(),
+        };
+        tell!("{}", predictor.left_in_words(&symbols, &poses)?);
+    }
     Ok(Exit::Pass)
 }
 
@@ -123,26 +136,5 @@ fn print(axes: &[(&str, Axis)], poses: &[Position], errors: &[PoseError]) {
         let numbers = tip.iter().chain(&direction).flat_map(|v| [v.x, v.y, v.z]);
         let cells: Vec<String> = place.chain(numbers.map(|value| format!("{value:.3}"))).collect();
         say!("{}", cells.join(","));
-    }
-}
-
-/// Largest and mean error over the poses.
-fn summarise(predictor: &Predictor<'_>, poses: &[Position]) {
-    let errors = predictor.volume_errors(poses);
-    let names = ["against the work zero", "after a best fit of the workpiece"];
-    for (what, error) in names.iter().zip(errors) {
-        let VolumeError { largest_mm, u_largest_mm, mean_mm, u_mean_mm, worst } = error;
-        let pose: Vec<String> = poses[worst]
-            .iter()
-            .map(|(axis, value)| format!("{axis}{:.3}", axis.to_edge(value)))
-            .collect();
-        tell!(
-            "error of the tip {what}: largest ({:.1} ± {:.1}) µm at {}, mean ({:.1} ± {:.1}) µm (U, k = 2)",
-            largest_mm * 1e3,
-            2e3 * u_largest_mm,
-            pose.join(" "),
-            mean_mm * 1e3,
-            2e3 * u_mean_mm
-        );
     }
 }

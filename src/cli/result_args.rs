@@ -37,7 +37,7 @@ pub struct PredictArgs {
     pub estimate: PathBuf,
     /// Poses: a table with some of the columns x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg (axes without a column stand
     /// at 0). The errors of the tip and of the tool's direction are printed behind them, in the table frame, with
-    /// their standard uncertainties; tool-centre control is on. Without poses: largest and mean error over the
+    /// their standard uncertainties. Without poses: largest and mean error over the
     /// ranges of the axes that the estimate was measured over.
     #[arg(long, value_name = "POSES.csv")]
     pub at: Option<PathBuf>,
@@ -45,9 +45,17 @@ pub struct PredictArgs {
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     /// The pose at which the work zero is set, such as "X100 Z300 B0"; without it, with the tip on the origin of
-    /// the table and the rotary axes at 0. There the tip has no error.
+    /// the table and the rotary axes at 0. There the tip has no error; elsewhere tool-centre control follows the
+    /// workpiece by the nominal machine.
     #[arg(long, value_name = "POSE")]
     pub zero: Option<String>,
+    /// The work zero is set anew at each position of the rotary axes, with the tip on the origin of the table.
+    #[arg(long, conflicts_with = "zero")]
+    pub without_tool_centre_control: bool,
+    /// Tell also what may be left after these errors are corrected by their estimated values: symbols with commas
+    /// between, such as EX0C,EY0C, or `all`.
+    #[arg(long, value_name = "SYMBOLS")]
+    pub corrected: Option<String>,
     /// Predict outside the ranges of the axes that the estimate was measured over, too.
     #[arg(long)]
     pub extrapolate: bool,

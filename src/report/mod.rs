@@ -14,4 +14,4 @@ mod tests;
 mod vectors;
 pub mod warmth;
 
-pub use figure::{Individuals, Temperatures};
+pub use figure::{ErrorMap, Individuals, Temperatures};

@@ -5,7 +5,7 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
 use super::captions::{drawing, figures, symbol};
 use super::rows::Rows;
-use super::{figure, number, planned, proven, related, vectors};
+use super::{ErrorMap, figure, number, planned, proven, related, vectors};
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
@@ -32,6 +32,8 @@ pub struct Facts {
     pub hashes: Vec<(String, String)>,
     /// Of each stage, in order.
     pub proofs: Vec<Proof>,
+    /// How far the tool is off over the volume, in sentences and as maps.
+    pub volume: Option<(Vec<String>, Vec<ErrorMap>)>,
 }
 
 /// Render the page of `estimate`.
@@ -53,6 +55,7 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             figures => figures(estimate),
             related => related::related(&estimate.covariance),
             vectors => estimate.arrows.iter().map(vectors::vectors).collect::<Vec<_>>(),
+            volume => facts.volume.as_ref().map(|(lines, maps)| volume(lines, maps)),
             warmth => facts.warmth.clone(),
             budget => budget(&estimate.parameters),
             warnings => estimate.warnings.clone(),
@@ -106,6 +109,14 @@ fn parameter(parameter: &Parameter) -> Value {
         dof => parameter.dof.map_or("∞".to_owned(), |dof| number::fixed(dof, 1)),
         identifiable => parameter.identifiable,
     }
+}
+
+fn volume(lines: &[String], maps: &[ErrorMap]) -> Value {
+    let largest = maps.iter().map(ErrorMap::largest).fold(0.0, f64::max);
+    let drawn = maps.iter().map(|map| {
+        context! { title => map.title.as_str(), panels => map.draw(largest).map(drawing).to_vec() }
+    });
+    context! { lines => lines.to_vec(), maps => drawn.collect::<Vec<_>>() }
 }
 
 /// What was proven before anything moved.

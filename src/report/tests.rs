@@ -1,3 +1,4 @@
+use super::ErrorMap;
 use super::page::{Facts, render};
 use machine::record::estimate::*;
 use machine::record::plan::Plan;
@@ -131,7 +132,36 @@ fn facts() -> Facts {
         program_version: "0.1.0".to_owned(),
         hashes: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
         proofs: vec![proof(0, 2.25), proof(0, 1.26)],
+        volume: None,
     }
+}
+
+/// Each cell has its value; what is no number has none.
+#[test]
+fn maps_of_the_volume_are_drawn() {
+    let map = ErrorMap {
+        title: "X and Y, at Z 300 mm".to_owned(),
+        across: ("X, mm".to_owned(), vec![-100.0, 0.0, 100.0]),
+        up: ("Y, mm".to_owned(), vec![-50.0, 50.0]),
+        panels: [
+            ("error, µm".to_owned(), vec![vec![11.0, 22.0, 33.0], vec![44.0, 55.0, f64::NAN]]),
+            ("left, µm".to_owned(), vec![vec![71.0; 3], vec![72.0; 3]]),
+        ],
+    };
+    assert_eq!(map.largest(), 72.0);
+    let volume = Some((vec!["largest 55 µm".to_owned()], vec![map]));
+    let page = render(&plan("mill 3"), &example(), &Facts { volume, ..facts() }).unwrap();
+    for words in
+        ["How far off the tool is", "largest 55 µm", "X and Y, at Z 300 mm", "X, mm", "Y, mm"]
+    {
+        assert!(page.contains(words), "{words}");
+    }
+    let texts = |value: &str| page.matches(&format!("\n{value}\n</text>")).count();
+    assert_eq!(
+        ["11", "22", "33", "44", "55", "−100", "71", "72"].map(texts),
+        [1, 1, 1, 1, 1, 2, 3, 3]
+    );
+    assert!(!page.contains("NaN"));
 }
 
 #[test]

@@ -34,8 +34,13 @@ fn the_tip_is_off_as_reckoned_by_hand() {
     let off: Vec<f64> = rows[2].split(',').map(|cell| cell.parse().unwrap()).collect();
     assert!((off[2].abs() - 200.0).abs() < 1e-3 && (off[5] - 4.0).abs() < 1e-3, "{said}");
     assert!(told.contains("largest (200.0 ±") && told.contains("at Z400.000 C180.000"), "{told}");
-    let whole = shop.trued(&["predict", &file]);
-    assert!(stderr(&whole).contains("largest (200.0 ±"), "{}", stderr(&whole));
+    let whole = shop.trued(&["predict", &file, "--corrected", "EX0C"]);
+    let told = stderr(&whole);
+    assert!(told.contains("largest (200.0 ±"), "{told}");
+    // Twice its U is left.
+    assert!(told.contains("after a correction of EX0C: largest below 8."), "{told}");
+    let anew = shop.trued(&["predict", &file, "--at", &poses, "--without-tool-centre-control"]);
+    assert!(stderr(&anew).contains("largest (0.0 ± 0.0) µm"), "{}", stderr(&anew));
 }
 
 fn nonsense_is_refused_with_its_line() {

@@ -1,10 +1,12 @@
 //! How far the tool is off, anywhere in the volume, by the errors of an estimate.
 
+mod slices;
 #[cfg(test)]
 mod tests;
 mod volume;
 mod workpiece;
 
+pub use slices::Slice;
 pub use volume::VolumeError;
 pub use workpiece::{WorkpieceFrame, WorkpiecePoint};
 
@@ -17,7 +19,7 @@ use rayon::prelude::*;
 use crate::Refused;
 use crate::identification::KnownErrors;
 use machine::frame::{Point, Spindle};
-use machine::kinematics::Chain;
+use machine::kinematics::{Chain, KinematicsError};
 use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
@@ -36,45 +38,90 @@ pub struct PoseError {
     pub u_direction: Vector3<f64>,
 }
 
+/// Where the work zero is set: there the tip has no error by definition.
+#[derive(Debug, Clone, PartialEq)]
+pub enum WorkZero {
+    /// Once, with the tip on the origin of the table and all rotary axes at 0; tool-centre control follows the
+    /// workpiece from there.
+    OnTable,
+    /// Once, at this pose.
+    At(Position),
+    /// Without tool-centre control: at each position of the rotary axes anew, with the tip on the origin of the table.
+    EachTime,
+}
+
 pub struct Predictor<'a> {
     chain: Chain,
     known: KnownErrors<'a>,
     tip: Point<Spindle>,
     /// Ranges of the axes that the estimate was measured over, mm and degrees; empty: not known.
     measured: &'a BTreeMap<Axis, [f64; 2]>,
-    zero: Vector3<f64>,
-    zero_columns: Vec<Vector3<f64>>,
+    /// `None`: that of each position of the rotary axes.
+    zero_at: Option<Position>,
+    /// What is zeroed there.
+    zero: Option<Displacement>,
 }
 
+/// Of the tip in the table frame, and its derivatives by the errors.
+type Displacement = (Vector3<f64>, Vec<Vector3<f64>>);
+
 impl<'a> Predictor<'a> {
-    /// `zero`: the pose at which the work zero is set, where the tip has no error by definition; `None`: with the tip on
-    /// the origin of the table and all rotary axes at 0.
-    ///
     /// # Errors
     /// A machine without kinematics; an estimate without errors of its axes.
-    pub fn new(
-        machine: &Machine,
-        estimate: &'a Estimate,
-        zero: Option<&Position>,
-    ) -> Result<Self, Refused> {
+    pub fn new(machine: &Machine, estimate: &'a Estimate, zero: WorkZero) -> Result<Self, Refused> {
         let chain = Chain::new(machine)?;
         let known = KnownErrors::of(estimate, &chain)?;
         let tip = Point::from_vec(Vector3::from(machine.tool_mm));
-        let on_table =
-            || chain.linear_axes_for(Point::from_vec(Vector3::zeros()), tip, &Position::new(), &[]);
+        let on_table = on_table(&chain, tip, &Position::new())?;
         let zero_at = match zero {
-            Some(zero) => zero.clone(),
-            None => on_table()?,
+            WorkZero::OnTable => Some(on_table),
+            WorkZero::At(zero) => Some(zero),
+            WorkZero::EachTime => None,
         };
         let measured = &estimate.measured;
-        let mut new =
-            Self { chain, known, tip, measured, zero: Vector3::zeros(), zero_columns: Vec::new() };
-        (new.zero, new.zero_columns) = new.of_point(&zero_at, tip);
-        Ok(new)
+        Ok(Self { chain, known, tip, measured, zero_at, zero: None }.zeroed())
+    }
+
+    fn zeroed(mut self) -> Self {
+        self.zero = self.zero_at.as_ref().map(|zero| self.of_point(zero, self.tip));
+        self
+    }
+
+    /// The same machine after these of its errors are corrected by their estimated values: what the estimate is off
+    /// by stays.
+    ///
+    /// # Errors
+    /// A symbol that is no error of the estimate.
+    pub fn corrected(mut self, symbols: &[&str]) -> Result<Self, Refused> {
+        for symbol in symbols {
+            let place = self.known.symbols.iter().position(|known| known == symbol);
+            let place = place.ok_or_else(|| {
+                Refused::new(
+                    format!("{symbol} is no error of an axis in the estimate"),
+                    format!("name some of {}", self.known.symbols.join(", ")),
+                )
+            })?;
+            self.known.errors[place].value = 0.0;
+        }
+        Ok(self.zeroed())
+    }
+
+    /// Symbols of the errors of the axes that the estimate holds.
+    pub fn symbols(&self) -> &[&'a str] {
+        &self.known.symbols
+    }
+
+    /// Where the work zero is set.
+    fn zero(&self, at: &Position) -> Displacement {
+        self.zero.clone().unwrap_or_else(|| {
+            // X, Y, Z that span space with all axes at 0 do so everywhere.
+            let zero = on_table(&self.chain, self.tip, at).unwrap_or_default();
+            self.of_point(&at.updated_by(&zero), self.tip)
+        })
     }
 
     /// Displacement of a point of the tool in the table frame, and its derivatives by the errors.
-    fn of_point(&self, at: &Position, point: Point<Spindle>) -> (Vector3<f64>, Vec<Vector3<f64>>) {
+    fn of_point(&self, at: &Position, point: Point<Spindle>) -> Displacement {
         let Self { chain, known, .. } = self;
         let off =
             chain.tip_in_table(at, point, &known.errors).mm - chain.tip_in_table(at, point, &[]).mm;
@@ -110,16 +157,17 @@ impl<'a> Predictor<'a> {
 
     pub fn at(&self, at: &Position) -> PoseError {
         let (tip, columns) = self.of_point(at, self.tip);
+        let (zero, zero_columns) = self.zero(at);
         let above = Point::from_vec(self.tip.mm + Vector3::z() * ALONG_MM);
         let (above, above_columns) = self.of_point(at, above);
-        let zeroed = self.zeroed(&columns);
+        let zeroed = less(&columns, &zero_columns);
         let turned: Vec<Vector3<f64>> = above_columns
             .iter()
             .zip(&columns)
             .map(|(above, tip)| (above - tip) / ALONG_MM)
             .collect();
         PoseError {
-            tip_mm: tip - self.zero,
+            tip_mm: tip - zero,
             u_tip_mm: uncertainty(&zeroed, &self.known.covariance),
             direction: (above - tip) / ALONG_MM,
             u_direction: uncertainty(&turned, &self.known.covariance),
@@ -128,17 +176,26 @@ impl<'a> Predictor<'a> {
 
     /// Derivatives of the tip's error by the errors of the axes.
     fn zeroed_columns(&self, at: &Position) -> Vec<Vector3<f64>> {
-        self.zeroed(&self.of_point(at, self.tip).1)
-    }
-
-    fn zeroed(&self, columns: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-        columns.iter().zip(&self.zero_columns).map(|(column, zero)| column - zero).collect()
+        less(&self.of_point(at, self.tip).1, &self.zero(at).1)
     }
 
     /// One error a pose, on all cores.
     pub fn at_all(&self, poses: &[Position]) -> Vec<PoseError> {
         poses.par_iter().map(|at| self.at(at)).collect()
     }
+}
+
+/// X, Y, Z that bring the tip to the origin of the table.
+fn on_table(
+    chain: &Chain,
+    tip: Point<Spindle>,
+    others: &Position,
+) -> Result<Position, KinematicsError> {
+    chain.linear_axes_for(Point::from_vec(Vector3::zeros()), tip, others, &[])
+}
+
+fn less(columns: &[Vector3<f64>], zero: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    columns.iter().zip(zero).map(|(column, zero)| column - zero).collect()
 }
 
 /// √(J·C·Jᵀ) of each coordinate.

@@ -1,8 +1,8 @@
 //! Against the machine of paper 4 as plain matrix products.
 
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-use super::{Predictor, WorkpieceFrame};
+use super::{Predictor, WorkZero, WorkpieceFrame};
 use crate::samba::tests::htm::{Triple, Truth};
 use crate::samba::tests::{built_in, exact_estimate, paper_errors};
 use machine::record::estimate::Estimate;
@@ -52,7 +52,7 @@ fn errors_are_those_of_the_matrix_products() {
     };
     // The tip on the origin of the table.
     let zero = ([0.0, 0.0, -machine.tool_mm[2]], [0.0; 3]);
-    let predictor = Predictor::new(&machine, &estimate, None).unwrap();
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
     for (xyz, triple) in POSES {
         let predicted = predictor.at(&position(xyz, triple));
         let expected = off(xyz, triple) - off(zero.0, zero.1);
@@ -60,8 +60,86 @@ fn errors_are_those_of_the_matrix_products() {
         assert!((predicted.direction - direction(xyz, triple)).norm() < 1e-9);
     }
     let elsewhere = position(POSES[1].0, POSES[1].1);
-    let predictor = Predictor::new(&machine, &estimate, Some(&elsewhere)).unwrap();
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::At(elsewhere.clone())).unwrap();
     assert!(predictor.at(&elsewhere).tip_mm.norm() < 1e-12);
+}
+
+/// Without tool-centre control: at each position of the rotary axes the tip has no error on the origin of the table.
+#[test]
+fn the_work_zero_is_set_anew_without_tool_centre_control() {
+    let (machine, estimate) = (machine(), measured());
+    let tool = Vector3::from(machine.tool_mm);
+    let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
+    let nominal = Truth { errors: Default::default(), tool };
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::EachTime).unwrap();
+    for (xyz, triple) in POSES {
+        let off = |xyz: Vector3<f64>| truth.tip(xyz, triple) - nominal.tip(xyz, triple);
+        // The nominal tip is linear in X, Y and Z: they bring it to the origin.
+        let at_zero = nominal.tip(Vector3::zeros(), triple);
+        let axis = |k: usize| nominal.tip(Vector3::ith(k, 1.0), triple) - at_zero;
+        let columns = Matrix3::from_columns(&[axis(0), axis(1), axis(2)]);
+        let zero = -columns.try_inverse().unwrap() * at_zero;
+        let expected = off(Vector3::from(xyz)) - off(zero);
+        let predicted = predictor.at(&position(xyz, triple)).tip_mm;
+        assert!((predicted - expected).norm() < 1e-9, "{predicted} {expected}");
+    }
+}
+
+/// A correction takes the error and leaves its uncertainty: an offset of C of u = 2 µm moves the tip by twice itself at
+/// C = 180°, and the size of a normal quantity is below 2u with the probability of k = 2.
+#[test]
+fn a_correction_leaves_the_uncertainty() {
+    let mut estimate = measured();
+    let offset = estimate.covariance.symbols.iter().position(|own| own == "EX0C").unwrap();
+    estimate.covariance.rows.iter_mut().flatten().for_each(|entry| *entry = 0.0);
+    estimate.covariance.rows[offset][offset] = 4.0;
+    let machine = machine();
+    let new = || Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
+    let symbols = new().symbols().to_vec();
+    let half_turn = position([30.0, 20.0, 400.0], [0.0, std::f64::consts::PI, 0.0]);
+    let corrected = new().corrected(&symbols).unwrap();
+    assert!(corrected.at(&half_turn).tip_mm.norm() < 1e-12);
+    let [error, _] = corrected.volume_errors(std::slice::from_ref(&half_turn));
+    assert!((error.most_largest_mm * 1e3 - 8.0).abs() < 1.2, "{error:?}");
+    let rest = new().corrected(&["EX0C"]).unwrap().at(&half_turn).tip_mm;
+    let mut without = paper_errors();
+    without.iter_mut().filter(|(symbol, _)| symbol == "EX0C").for_each(|(_, value)| *value = 0.0);
+    let tool = Vector3::from(machine.tool_mm);
+    let (truth, nominal) = (
+        Truth { errors: without.into_iter().collect(), tool },
+        Truth { errors: Default::default(), tool },
+    );
+    let off = |xyz: Vector3<f64>, triple| truth.tip(xyz, triple) - nominal.tip(xyz, triple);
+    let expected = off(Vector3::new(30.0, 20.0, 400.0), [0.0, std::f64::consts::PI, 0.0])
+        - off(Vector3::new(0.0, 0.0, -tool.z), [0.0; 3]);
+    assert!((rest - expected).norm() < 1e-9, "{rest} {expected}");
+    assert!(new().corrected(&["EX9C"]).is_err_and(|why| why.instead.contains("EX0C")));
+}
+
+/// Slices are the errors of poses, the others standing as asked.
+#[test]
+fn slices_are_made_of_poses() {
+    let (machine, mut estimate) = (machine(), measured());
+    estimate.measured.extend([
+        (Axis::C, [0.0, 360.0]),
+        (Axis::Y, [-100.0, 100.0]),
+        (Axis::Z, [300.0, 500.0]),
+    ]);
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
+    let tilted = position([0.0; 3], [0.5, 1.0, 0.0]);
+    let slices = predictor.slices(&tilted).unwrap();
+    assert_eq!(slices.len(), 4);
+    let at = predictor.at(&position([300.0, -100.0, 500.0], [0.5, 1.0, 0.0]));
+    let (error, u) = (slices[2].error_mm[0][6], slices[2].u_mm[0][6]);
+    assert_eq!((error, u), (at.tip_mm.norm(), at.u_tip_mm.norm()));
+    let at = predictor
+        .at(&position([0.0, 0.0, 400.0], [-90_f64.to_radians(), std::f64::consts::TAU, 0.0]));
+    assert!((slices[3].error_mm[0][6] - at.tip_mm.norm()).abs() < 1e-12);
+    assert_eq!((slices[3].across.0, slices[3].up.0), (Axis::C, Axis::B));
+    estimate.measured.clear();
+    assert!(
+        Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap().slices(&tilted).is_err()
+    );
 }
 
 /// An offset of C along X: zeroed at C = 0, it is twice itself at C = 180°, and as much along X as along Y at 90°.
@@ -72,7 +150,7 @@ fn uncertainty_is_zeroed_too() {
         |symbol: &str| estimate.covariance.symbols.iter().position(|own| own == symbol).unwrap();
     let (offset, angle) = (of("EX0C"), of("EA0Y"));
     estimate.covariance.rows[offset][offset] = 4.0;
-    let mut predictor = Predictor::new(&machine(), &estimate, None).unwrap();
+    let mut predictor = Predictor::new(&machine(), &estimate, WorkZero::OnTable).unwrap();
     let u = |c: f64, predictor: &Predictor<'_>| {
         predictor.at(&position([30.0, 20.0, 400.0], [0.0, c, 0.0])).u_tip_mm * 1e3
     };
@@ -85,7 +163,7 @@ fn uncertainty_is_zeroed_too() {
     // 3 µrad about X: of the direction it is all along Y.
     estimate.covariance.rows[offset][offset] = 0.0;
     estimate.covariance.rows[angle][angle] = 9.0;
-    predictor = Predictor::new(&machine(), &estimate, None).unwrap();
+    predictor = Predictor::new(&machine(), &estimate, WorkZero::OnTable).unwrap();
     let pose = predictor.at(&position([0.0, 0.0, 400.0], [0.0; 3]));
     near(pose.u_direction * 1e6, [0.0, 3.0, 0.0]);
 }
@@ -93,20 +171,20 @@ fn uncertainty_is_zeroed_too() {
 #[test]
 fn what_was_not_measured_is_refused() {
     let (machine, mut estimate) = (machine(), measured());
-    let predictor = Predictor::new(&machine, &estimate, None).unwrap();
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
     assert!(predictor.check(&position([250.0, 0.0, 0.0], [1.0, 0.0, 0.0])).is_ok());
     let why = predictor.check(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().why;
     assert!(why.contains("X 350.000 is outside -300.000 to 300.000"), "{why}");
     // An axis that the pose does not name stands at 0.
     estimate.measured.insert(Axis::Z, [300.0, 500.0]);
-    let predictor = Predictor::new(&machine, &estimate, None).unwrap();
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
     let why = predictor.check(&Position::new().with(Axis::X, 1.0)).unwrap_err().why;
     assert!(why.contains("Z 0.000 is outside 300.000 to 500.000"), "{why}");
     estimate.measured.clear();
-    let predictor = Predictor::new(&machine, &estimate, None).unwrap();
+    let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
     assert!(predictor.check(&Position::new()).unwrap_err().why.contains("does not say"));
     estimate.parameters.clear();
-    assert!(Predictor::new(&machine, &estimate, None).is_err());
+    assert!(Predictor::new(&machine, &estimate, WorkZero::OnTable).is_err());
 }
 
 /// A touch where the machine of the paper reads with its stylus at a known place of the table.
@@ -153,7 +231,7 @@ fn the_volume_has_a_largest_and_a_mean_error() {
     estimate.covariance.symbols = vec!["EX0C".to_owned()];
     estimate.covariance.rows = vec![vec![4.0]];
     estimate.measured = [(Axis::C, [0.0, 330.0]), (Axis::Z, [400.0, 400.0])].into();
-    let predictor = Predictor::new(&machine(), &estimate, None).unwrap();
+    let predictor = Predictor::new(&machine(), &estimate, WorkZero::OnTable).unwrap();
     let poses = predictor.volume().unwrap();
     assert_eq!(poses.len(), 12);
     let [zeroed, fitted] = predictor.volume_errors(&poses);

@@ -15,6 +15,8 @@ const LINEAR_POSITIONS: usize = 5;
 const ROTARY_STEP_DEG: f64 = 30.0;
 /// Draws of the errors: u to about 5 %.
 const TRIALS: usize = 200;
+/// Coverage probability of k = 2.
+const LIKELY: f64 = 0.9545;
 const SEED: u64 = 0x766f_6c75;
 
 /// Over a set of poses, mm.
@@ -24,6 +26,9 @@ pub struct VolumeError {
     pub u_largest_mm: f64,
     pub mean_mm: f64,
     pub u_mean_mm: f64,
+    /// Below these with the probability of [`LIKELY`], mm: what an error may be that was found to be 0.
+    pub most_largest_mm: f64,
+    pub most_mean_mm: f64,
     /// Index of the pose of the largest error.
     pub worst: usize,
 }
@@ -79,7 +84,8 @@ impl Predictor<'_> {
         [(0, &zeroed), (1, &fit.deviations)].map(|(k, deviations)| {
             let still = vec![Vector3::zeros(); deviations.len()];
             let [largest_mm, mean_mm] = sizes(deviations, &still);
-            let u = |of: usize| deviation(trials.iter().map(|trial| trial[k][of]));
+            let of_trials = |of: usize| trials.iter().map(move |trial| trial[k][of]);
+            let u = |of: usize| deviation(of_trials(of));
             let worst = (0..deviations.len())
                 .max_by(|a, b| deviations[*a].norm().total_cmp(&deviations[*b].norm()));
             VolumeError {
@@ -87,9 +93,42 @@ impl Predictor<'_> {
                 u_largest_mm: u(0),
                 mean_mm,
                 u_mean_mm: u(1),
+                most_largest_mm: likely(of_trials(0)),
+                most_mean_mm: likely(of_trials(1)),
                 worst: worst.unwrap_or_default(),
             }
         })
+    }
+
+    /// What [`Predictor::volume_errors`] gives, in words.
+    pub fn in_words(errors: [VolumeError; 2], poses: &[Position]) -> Vec<String> {
+        let names = ["against the work zero", "after a best fit of the workpiece"];
+        let line = |(what, error): (&str, VolumeError)| {
+            let VolumeError { largest_mm, u_largest_mm, mean_mm, u_mean_mm, worst, .. } = error;
+            format!(
+                "error of the tip {what}: largest ({:.1} ± {:.1}) µm at {}, mean ({:.1} ± {:.1}) µm (U, k = 2)",
+                largest_mm * 1e3,
+                2e3 * u_largest_mm,
+                pose_in_words(&poses[worst]),
+                mean_mm * 1e3,
+                2e3 * u_mean_mm
+            )
+        };
+        names.into_iter().zip(errors).map(line).collect()
+    }
+
+    /// What may be left against the work zero after these errors are corrected, in words.
+    ///
+    /// # Errors
+    /// A symbol that is no error of the estimate.
+    pub fn left_in_words(self, symbols: &[&str], poses: &[Position]) -> Result<String, Refused> {
+        let names = symbols.join(", ");
+        let [error, _] = self.corrected(symbols)?.volume_errors(poses);
+        Ok(format!(
+            "after a correction of {names}: largest below {:.1} µm, mean below {:.1} µm (95.45 %)",
+            error.most_largest_mm * 1e3,
+            error.most_mean_mm * 1e3
+        ))
     }
 
     /// Of the workpiece, by a rigid motion.
@@ -106,6 +145,17 @@ impl Predictor<'_> {
 fn sizes(deviations: &[Vector3<f64>], changes: &[Vector3<f64>]) -> [f64; 2] {
     let norms = || deviations.iter().zip(changes).map(|(d, by)| (d + by).norm());
     [norms().fold(0.0, f64::max), norms().sum::<f64>() / deviations.len().max(1) as f64]
+}
+
+fn pose_in_words(at: &Position) -> String {
+    let words = at.iter().map(|(axis, value)| format!("{axis}{:.3}", axis.to_edge(value)));
+    words.collect::<Vec<_>>().join(" ")
+}
+
+fn likely(values: impl Iterator<Item = f64>) -> f64 {
+    let mut sorted: Vec<f64> = values.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted[(LIKELY * (sorted.len() - 1) as f64).ceil() as usize]
 }
 
 /// Standard deviation.

@@ -1,5 +1,4 @@
-//! Vectors at places in space: a plan view and a side view of each group, all of one figure at one
-//! scale.
+//! Vectors at places in space: three views of each group, all of one figure at one scale.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -9,10 +8,12 @@ use super::{Area, Drawn, FIT, FONT, GRID, INK, LINE, picture, text_style};
 use crate::report::number;
 use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Unit};
 
-/// Two square panels side by side, and the scale below.
+/// Square panels side by side, and the scale below.
 pub(super) const PANEL: i32 = 500;
 pub(super) const FOOT: i32 = 70;
-pub(super) const SIZE: (u32, u32) = (2 * PANEL as u32, (PANEL + FOOT) as u32);
+pub(super) const SIZE: (u32, u32) = (3 * PANEL as u32, (PANEL + FOOT) as u32);
+/// What each panel shows to the right and upwards: from above, and from two sides.
+pub(super) const VIEWS: [(i32, [usize; 2]); 3] = [(0, [0, 1]), (1, [0, 2]), (2, [1, 2])];
 /// From the middle of a panel to the farthest place, and the longest arrow that is not flagged.
 const HALF: f64 = 140.0;
 const LONGEST: f64 = 80.0;
@@ -51,27 +52,26 @@ impl Common {
         Some(Self { middle, place, vector: LONGEST / length, key: (value, text) })
     }
 
-    /// One group: seen from above (X to the right, Y up), and from the side (X to the right, Z up).
     pub(in crate::report) fn draw(&self, group: &Arrows) -> Option<String> {
         picture(SIZE, |area| {
-            for (panel, up) in [(0, 1), (1, 2)] {
-                self.panel(area, panel, up, group)?;
+            for (panel, sides) in VIEWS {
+                self.panel(area, panel, sides, group)?;
             }
             self.scale(area)
         })
     }
 
-    fn panel(&self, area: &Area<'_>, panel: i32, up: usize, group: &Arrows) -> Drawn {
+    fn panel(&self, area: &Area<'_>, panel: i32, sides: [usize; 2], group: &Arrows) -> Drawn {
         let left = panel * PANEL;
-        frame(area, panel, up)?;
+        frame(area, panel, sides)?;
         // Those that matter on top.
         let order =
             drawable(group).filter(|a| !a.flagged).chain(drawable(group).filter(|a| a.flagged));
         for arrow in order {
-            let from = [0, up].map(|k| self.place * (arrow.at_mm[k] - self.middle[k]));
+            let from = sides.map(|k| self.place * (arrow.at_mm[k] - self.middle[k]));
             let from =
                 (left + PANEL / 2 + from[0].round() as i32, PANEL / 2 - from[1].round() as i32);
-            self.arrow(area, from, [arrow.vector[0], arrow.vector[up]], arrow)?;
+            self.arrow(area, from, sides.map(|k| arrow.vector[k]), arrow)?;
         }
         Ok(())
     }
@@ -124,12 +124,13 @@ impl Common {
 }
 
 /// Of a panel, with the axes that it shows.
-pub(super) fn frame(area: &Area<'_>, panel: i32, up: usize) -> Drawn {
+pub(super) fn frame(area: &Area<'_>, panel: i32, sides: [usize; 2]) -> Drawn {
     let left = panel * PANEL;
     let frame = [(left + 4, 4), (left + PANEL - 4, PANEL - 4)];
     area.draw(&Rectangle::new(frame, GRID.stroke_width(2)))?;
     let named = text_style(FONT).pos(Pos::new(HPos::Left, VPos::Top));
-    area.draw(&Text::new(["XY", "XZ"][up - 1], (left + 16, 14), named))?;
+    let name: String = sides.into_iter().map(|k| ['X', 'Y', 'Z'][k]).collect();
+    area.draw(&Text::new(name, (left + 16, 14), named))?;
     Ok(())
 }
 

@@ -13,6 +13,7 @@ mod error_motion;
 mod histogram;
 mod individuals;
 mod legend;
+mod map;
 mod matrix;
 mod paths;
 mod points;
@@ -27,6 +28,7 @@ pub(super) use arrows::Common;
 pub(super) use circle::circle;
 pub(super) use error_motion::{MotionCentre, MotionCircles};
 pub use individuals::Individuals;
+pub use map::ErrorMap;
 pub(super) use matrix::{correlation, matrix};
 pub use strip::Temperatures;
 

@@ -1,10 +1,10 @@
-//! Where places were to be and where they were found, the deviations magnified: of each group a plan
-//! view and a side view.
+//! Where places were to be and where they were found, the deviations magnified: three views of
+//! each group.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::arrows::{Common, FOOT, PANEL, SIZE, drawable, frame};
+use super::arrows::{Common, FOOT, PANEL, SIZE, VIEWS, drawable, frame};
 use super::{Area, Drawn, FIT, FONT, INK, LINE, picture, text_style};
 use machine::record::estimate::{Arrow, Arrows};
 
@@ -15,13 +15,23 @@ impl Common {
     /// One group as [`Common::draw`] has it; the places joined in their order, and round.
     pub(in crate::report) fn draw_path(&self, group: &Arrows) -> Option<String> {
         picture(SIZE, |area| {
-            for (panel, up) in [(0, 1), (1, 2)] {
-                frame(area, panel, up)?;
-                self.joined(area, group, |arrow| self.at(panel, up, arrow, Some([0.0; 3])), INK)?;
-                self.joined(area, group, |arrow| self.at(panel, up, arrow, arrow.modelled), FIT)?;
-                self.joined(area, group, |a| self.at(panel, up, a, Some(a.vector)), LINE)?;
+            for (panel, sides) in VIEWS {
+                frame(area, panel, sides)?;
+                self.joined(
+                    area,
+                    group,
+                    |arrow| self.at(panel, sides, arrow, Some([0.0; 3])),
+                    INK,
+                )?;
+                self.joined(
+                    area,
+                    group,
+                    |arrow| self.at(panel, sides, arrow, arrow.modelled),
+                    FIT,
+                )?;
+                self.joined(area, group, |a| self.at(panel, sides, a, Some(a.vector)), LINE)?;
                 for arrow in drawable(group) {
-                    let at = |vector| self.at(panel, up, arrow, vector);
+                    let at = |vector| self.at(panel, sides, arrow, vector);
                     let places = [at(Some([0.0; 3])), at(Some(arrow.vector)), at(arrow.modelled)];
                     marks(area, places, arrow.flagged)?;
                 }
@@ -42,14 +52,14 @@ impl Common {
     fn at(
         &self,
         panel: i32,
-        up: usize,
+        sides: [usize; 2],
         arrow: &Arrow,
         vector: Option<[f64; 3]>,
     ) -> Option<(i32, i32)> {
         let vector = vector.filter(|vector| vector.iter().all(|part| part.is_finite()))?;
         let factor = self.factor(vector);
         let [right, up] =
-            [0, up].map(|k| self.place * (arrow.at_mm[k] - self.middle[k]) + factor * vector[k]);
+            sides.map(|k| self.place * (arrow.at_mm[k] - self.middle[k]) + factor * vector[k]);
         let middle = PANEL / 2;
         Some((panel * PANEL + middle + right.round() as i32, middle - up.round() as i32))
     }
@@ -120,10 +130,12 @@ mod tests {
         };
         let commanded = [["110", "250"], ["390", "250"], ["610", "250"], ["890", "250"]];
         assert_eq!(rings("6")[..4], commanded);
+        assert_eq!(rings("6")[4..6], [["1250", "250"]; 2]);
         let measured = [["190", "250"], ["390", "230"], ["690", "250"], ["890", "190"]];
         assert_eq!(rings("9")[..4], measured);
+        assert_eq!(rings("9")[4..6], [["1250", "250"], ["1270", "190"]]);
         // The model at one place in each panel, and in the key.
-        assert_eq!(svg.matches("<polygon").count(), 2 + 1 + 1, "{svg}");
+        assert_eq!(svg.matches("<polygon").count(), 3 + 1 + 1, "{svg}");
         assert!(inside(&svg) && svg.contains("commanded"));
         figure.groups[0].arrows[0].vector[1] = f64::NAN;
         figure.groups[0].arrows[1].modelled = Some([f64::INFINITY; 3]);

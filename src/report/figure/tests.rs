@@ -245,11 +245,13 @@ fn arrows_point_where_the_vectors_do() {
         (250.0 + 140.0, 250.0 - 20.0),
         (750.0 - 140.0 + 80.0, 250.0),
         (750.0 + 140.0, 250.0 - 60.0),
+        // Seen along X both stand in the middle.
+        (1250.0 + 20.0, 250.0 - 60.0),
         // The scale: 2 µm.
         (24.0 + 40.0, 535.0),
     ];
     assert_eq!(tips(&svg), expected);
-    assert!(svg.contains("2 µm") && svg.contains("XY") && svg.contains("XZ"));
+    assert!(svg.contains("2 µm") && ["XY", "XZ", "YZ"].iter().all(|name| svg.contains(name)));
     assert!(inside(&svg) && !common.cuts(&figure));
 }
 
@@ -262,7 +264,7 @@ fn a_flagged_arrow_is_ringed_and_does_not_shrink_the_others() {
     assert!(common.cuts(&figure));
     let svg = common.draw(&figure.groups[0]).unwrap();
     assert_eq!(tips(&svg)[..2], [(110.0, 250.0 - 80.0), (390.0, 250.0 - 100.0)]);
-    assert_eq!(svg.matches("r=\"13\"").count(), 2);
+    assert_eq!(svg.matches("r=\"13\"").count(), 3);
     assert!(svg.contains("ball 0") && !svg.contains("ball 1") && inside(&svg));
     // Nothing to draw, and strange numbers.
     assert!(Common::of(&arrows(&[([f64::NAN; 3], [0.0; 3], true)])).is_none());

@@ -1,0 +1,84 @@
+//! The error of the tip over two axes at a time, the others standing: before a correction, and what may be left after it.
+
+use super::Predictor;
+use crate::Refused;
+use machine::{Axis, Position};
+
+/// Positions of an axis over its range.
+const POSITIONS: usize = 7;
+
+#[derive(Debug, Clone, PartialEq)]
+pub struct Slice {
+    /// Axes and their positions, mm and degrees: from left to right, upwards.
+    pub across: (Axis, Vec<f64>),
+    pub up: (Axis, Vec<f64>),
+    /// Where the other axes stand.
+    pub others: Position,
+    /// Length of the error of the tip, row by row upwards, mm.
+    pub error_mm: Vec<Vec<f64>>,
+    /// Its standard uncertainty, √(u_x² + u_y² + u_z²), mm: after a correction of all errors this is left.
+    pub u_mm: Vec<Vec<f64>>,
+}
+
+impl Predictor<'_> {
+    /// X and Y at the lowest, the middle and the highest Z, with the rotary axes as in `at`; and two rotary axes with X, Y
+    /// and Z in their middle. Of axes that the estimate was measured over; what it lacks is left out.
+    ///
+    /// # Errors
+    /// The estimate does not say what it was measured over.
+    pub fn slices(&self, at: &Position) -> Result<Vec<Slice>, Refused> {
+        self.check_ranges()?;
+        let ranged = |axis: &Axis| self.measured.get(axis).filter(|[least, most]| least < most);
+        let middle = |[least, most]: &[f64; 2]| 0.5 * (least + most);
+        let linear = self.measured.iter().filter(|(axis, _)| axis.is_linear());
+        let linear: Position = linear.map(|(axis, range)| (*axis, middle(range))).collect();
+        let others = at.only(|axis| !axis.is_linear()).updated_by(&linear);
+        let mut slices = Vec::new();
+        if let Some((x, y)) = ranged(&Axis::X).zip(ranged(&Axis::Y)) {
+            let levels = match ranged(&Axis::Z) {
+                Some(z) => vec![z[0], middle(z), z[1]],
+                None => vec![others.at(Axis::Z)],
+            };
+            for z in levels {
+                slices.push(self.slice(
+                    (Axis::X, x),
+                    (Axis::Y, y),
+                    others.clone().with(Axis::Z, z),
+                ));
+            }
+        }
+        let rotary: Vec<(Axis, &[f64; 2])> = [Axis::A, Axis::B, Axis::C]
+            .into_iter()
+            .filter_map(|axis| Some((axis, ranged(&axis)?)))
+            .collect();
+        if let [tilt, turn] = rotary[..] {
+            slices.push(self.slice(turn, tilt, others));
+        }
+        Ok(slices)
+    }
+
+    fn slice(&self, across: (Axis, &[f64; 2]), up: (Axis, &[f64; 2]), others: Position) -> Slice {
+        let positions = |[least, most]: &[f64; 2]| -> Vec<f64> {
+            let step = (most - least) / (POSITIONS - 1) as f64;
+            (0..POSITIONS).map(|k| least + step * k as f64).collect()
+        };
+        let (columns, rows) = (positions(across.1), positions(up.1));
+        let pose = |y: f64, x: f64| {
+            let at = others.clone().with(across.0, across.0.from_edge(x));
+            at.with(up.0, up.0.from_edge(y))
+        };
+        let poses: Vec<Position> =
+            rows.iter().flat_map(|y| columns.iter().map(|x| pose(*y, *x))).collect();
+        let errors = self.at_all(&poses);
+        let by_row = |of: fn(&super::PoseError) -> f64| -> Vec<Vec<f64>> {
+            errors.chunks(columns.len()).map(|row| row.iter().map(of).collect()).collect()
+        };
+        Slice {
+            error_mm: by_row(|error| error.tip_mm.norm()),
+            u_mm: by_row(|error| error.u_tip_mm.norm()),
+            across: (across.0, columns),
+            up: (up.0, rows),
+            others: others.only(|axis| axis != across.0 && axis != up.0),
+        }
+    }
+}
