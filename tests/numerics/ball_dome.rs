@@ -2,6 +2,8 @@
 //! errors. The world turns its errors into poses by its own chain.
 
 use machine::record::estimate::{Estimate, Parameter, Verdict};
+use machine::record::reading::Reading;
+use methods::Refused;
 use rayon::prelude::*;
 use toml::{Table, Value};
 use trued::setup::{self, MachineFile};
@@ -19,6 +21,7 @@ fn machine(text: &str, seed: u64, changes: &[(&'static str, Value)]) -> MachineF
         ("simulated.seed", Value::Integer(seed as i64)),
         ("method.samba.monte_carlo_trials", Value::Integer(100)),
         ("method.ball-dome.monte_carlo_trials", Value::Integer(200)),
+        ("method.ball-dome.watch_min", Value::Float(0.0)),
     ];
     changed(text, fixed.iter().chain(changes))
 }
@@ -143,6 +146,35 @@ fn a_dome_that_gives_way_is_noticed() {
     let estimate = estimate("ball-dome", &dome, vec![estimate("samba", &samba, Vec::new())]);
     falls(&estimate);
     assert!(is_contradicted(&estimate), "{:#?}", estimate.warnings);
+}
+
+fn watched(drift_um_per_h: f64) -> Result<Vec<Reading>, Refused> {
+    let few = |degrees: &[f64]| Value::Array(degrees.iter().copied().map(Value::Float).collect());
+    let changes: Changes = vec![
+        ("method.ball-dome.watch_min", Value::Float(4.0)),
+        ("method.ball-dome.tilt_deg", few(&[0.0])),
+        ("method.ball-dome.turn_deg", few(&[0.0])),
+        ("machine.drift_um_per_h", Value::Float(drift_um_per_h)),
+    ];
+    let mut world = setup::world(&machine(DOME, 1, &changes)).unwrap();
+    let declared: Changes =
+        changes.into_iter().filter(|(path, _)| path.starts_with("method")).collect();
+    let (method, header) = setup::header(&machine(DOME, 1, &declared), "ball-dome", None).unwrap();
+    plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone)
+        .map(|(_, readings)| readings)
+}
+
+/// A table that creeps as declared is watched for four minutes; one that creeps ten times faster six times as long, and
+/// the run does not begin.
+#[test]
+fn a_machine_that_is_not_at_rest_is_watched() {
+    let readings = watched(2.0).unwrap();
+    let last_s = readings.last().unwrap().t_s;
+    println!("{} readings in {last_s:.0} s", readings.len());
+    assert!((240.0..900.0).contains(&last_s));
+    let why = watched(40.0).unwrap_err().why;
+    println!("{why}");
+    assert!(why.starts_with("the machine does not come to rest: within 24 min"), "{why}");
 }
 
 /// The table on A and Y, X on the spindle's side, and other errors.

@@ -60,6 +60,17 @@ impl Method for BallDome {
         ball_measurement::next(&setup, &visits, done, source)
     }
 
+    fn forecast(&self, _plan: &Plan, _machine_s: f64) -> Result<Vec<String>, Refused> {
+        let watch_min = self.settings.watch_min;
+        let watch = || {
+            format!(
+                "before the rest one ball is measured again and again, for {watch_min} min or until the machine \
+                 is at rest: this time is not counted"
+            )
+        };
+        Ok((watch_min > 0.0).then(watch).into_iter().collect())
+    }
+
     fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
         prior::known_machine(plan).map(drop)
     }

@@ -19,6 +19,9 @@ pub struct Settings {
     pub touches: usize,
     /// Measure one ball again at the start, the middle and the end, to see drift.
     pub references: bool,
+    /// Measure one ball again and again before the rest, so many minutes, until the machine creeps no faster than
+    /// `drift_um_per_h` of it declares; 0: not at all.
+    pub watch_min: f64,
     /// Clear distance before the expected contact of a slow touch, and how far beyond it may go.
     pub standoff_mm: f64,
     pub search_mm: f64,
@@ -40,6 +43,7 @@ impl Default for Settings {
             find: Find::Once,
             touches: 5,
             references: true,
+            watch_min: 0.0,
             standoff_mm: 0.5,
             search_mm: 1.0,
             form_limit_um: 15.0,
@@ -55,6 +59,7 @@ impl Settings {
             find: self.find,
             touches: self.touches,
             has_references: self.references,
+            watch_s: 60.0 * self.watch_min,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
             form_limit_mm: self.form_limit_um * 1e-3,

@@ -38,8 +38,8 @@ impl Known {
     ) -> Self {
         let mut found = vec![Vec::new(); setup.balls.balls.len()];
         for taken in all {
-            // References repeat a visit; what was found at it stands already.
-            if taken.label.pass == Pass::Reference {
+            // These repeat a visit; what was found at it stands already.
+            if matches!(taken.label.pass, Pass::Reference | Pass::Watch) {
                 continue;
             }
             if let (Some(centres), Some(Ok(measured))) =

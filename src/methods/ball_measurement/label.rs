@@ -10,6 +10,8 @@ pub enum Pass {
     Find,
     /// Slowly, along the normals now known: what is identified from.
     Slow,
+    /// As `Slow`, before the run, to see whether the machine is at rest. Nothing is identified from it.
+    Watch,
     /// As `Slow`, to see whether the machine stands as it stood. Identified from as well.
     Reference,
 }
@@ -26,8 +28,12 @@ pub struct Label {
     pub touch: String,
 }
 
-const NAMES: [(Pass, &str); 3] =
-    [(Pass::Find, "find"), (Pass::Slow, "slow"), (Pass::Reference, "reference")];
+const NAMES: [(Pass, &str); 4] = [
+    (Pass::Find, "find"),
+    (Pass::Slow, "slow"),
+    (Pass::Watch, "watch"),
+    (Pass::Reference, "reference"),
+];
 
 impl Label {
     /// Of its indexation, as people count.

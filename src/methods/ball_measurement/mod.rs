@@ -16,6 +16,7 @@ mod rotary;
 mod setup;
 mod sources;
 mod stages;
+mod watch;
 
 pub use artefact::balls;
 pub use effects::{nonzero_columns, nonzero_runs, shifts};

@@ -91,7 +91,7 @@ pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyEr
             return Err(IdentifyError::Duplicate { step, repeat });
         }
         let label: Label = step.label.parse().map_err(|why| refused(format!("{why}")))?;
-        if label.pass == Pass::Find {
+        if matches!(label.pass, Pass::Find | Pass::Watch) {
             continue;
         }
         let visit = Visit {

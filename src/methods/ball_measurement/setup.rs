@@ -34,6 +34,8 @@ pub struct TouchSettings {
     pub touches: usize,
     /// Whether one ball is measured again at the start, the middle and the end.
     pub has_references: bool,
+    /// How long one ball is watched before the run, s; 0: not at all.
+    pub watch_s: f64,
     /// Clear distance before the expected contact of a slow touch, mm.
     pub standoff_mm: f64,
     /// How far beyond it a slow touch may go, mm.
@@ -43,6 +45,8 @@ pub struct TouchSettings {
     /// Difference from the stated diameter, pre-travel with it, beyond which the run holds, mm.
     pub diameter_limit_mm: f64,
 }
+
+const MOST_WATCH_S: f64 = 7200.0;
 
 impl TouchSettings {
     /// # Errors
@@ -57,6 +61,11 @@ impl TouchSettings {
             (5..=100).contains(&self.touches),
             format!("{} touches do not tell a ball from its dents", self.touches),
             "choose touches = 5, or 15 for a form check",
+        )?;
+        Refused::unless(
+            (0.0..=MOST_WATCH_S).contains(&self.watch_s),
+            "a ball is watched for 0 to 120 minutes",
+            "choose watch_min = 10, or 0 to begin at once",
         )?;
         Refused::unless(
             self.form_limit_mm > 0.0 && self.diameter_limit_mm > 0.0,

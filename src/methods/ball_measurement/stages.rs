@@ -4,6 +4,7 @@ use super::known::Known;
 use super::label::{Label, Pass};
 use super::review::review;
 use super::setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
+use super::watch;
 use crate::{Next, Refused, Source};
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
@@ -33,16 +34,16 @@ pub fn next(
     source: Source<'_>,
 ) -> Result<Next, Refused> {
     let id = done.last().map_or(0, |stage| stage.id + 1);
-    let known = match source {
-        Source::Nominal => Known::nominal(setup),
+    let (known, goes_on) = match source {
+        Source::Nominal => (Known::nominal(setup), false),
         Source::Measured(readings) => {
             if let Some(stage) = once_more(setup, done, readings, id)? {
                 return Ok(Next::Stage { stage, new_steps: Vec::new() });
             }
-            Known::of(setup, readings)
+            (Known::of(setup, readings), watch::goes_on(setup, readings)?)
         }
     };
-    let tasks = tasks(setup, visits);
+    let tasks = tasks(setup, visits, rounds_of_watch(setup) + usize::from(goes_on));
     let passed = done.iter().filter(|stage| stage.repeat == 0).count();
     let Some(task) = tasks.get(passed) else { return Ok(Next::Done) };
     let (stage, new_steps) = stage(setup, visits, task, &known, id)?;
@@ -62,9 +63,16 @@ fn once_more(
     Ok(Some(Stage { id, name, repeat, steps, found: last.found.clone() }))
 }
 
+/// Rounds that the plan has so far.
+fn rounds_of_watch(setup: &MeasurementSetup<'_>) -> usize {
+    let labels = setup.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok());
+    let rounds = labels.filter(|label| label.pass == Pass::Watch).map(|label| label.number());
+    rounds.max().unwrap_or(0) as usize
+}
+
 /// All tasks in measuring order. First every ball is searched for, at the indexation that shows most
-/// and, for those it does not show, at others; then follow the visits.
-fn tasks(setup: &MeasurementSetup<'_>, visits: &[Visit]) -> Vec<Task> {
+/// and, for those it does not show, at others; then one is watched, and the visits follow.
+fn tasks(setup: &MeasurementSetup<'_>, visits: &[Visit], watched: usize) -> Vec<Task> {
     let searches = searches(visits);
     let task = |pass, number: usize, balls: &[usize]| Task {
         pass,
@@ -81,12 +89,13 @@ fn tasks(setup: &MeasurementSetup<'_>, visits: &[Visit]) -> Vec<Task> {
             task(Pass::Find, *visit, all)
         })
         .collect();
-    let reference = |round: usize| {
-        let (visit, balls) = searches.first().filter(|_| setup.touch.has_references)?;
-        let ball = *balls.first()?;
-        Some(Task { pass: Pass::Reference, number: round, visit: *visit, balls: vec![ball] })
+    let repeated = |pass: Pass, number: usize| {
+        let (visit, balls) = searches.first()?;
+        Some(Task { pass, number, visit: *visit, balls: vec![*balls.first()?] })
     };
+    let reference = |round| repeated(Pass::Reference, round).filter(|_| setup.touch.has_references);
     tasks.extend(reference(0));
+    tasks.extend((0..watched).filter_map(|round| repeated(Pass::Watch, round)));
     for (number, visit) in visits.iter().enumerate() {
         if number > 0 && number == visits.len() / 2 {
             tasks.extend(reference(1));
@@ -130,7 +139,7 @@ fn searches(visits: &[Visit]) -> Vec<(usize, Vec<usize>)> {
 pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[Visit]) -> Result<f64, Refused> {
     let mut plan = Plan { steps: Vec::new(), ..setup.plan.clone() };
     let mut stages = Vec::new();
-    for (id, task) in (0..).zip(tasks(setup, visits)) {
+    for (id, task) in (0..).zip(tasks(setup, visits, 0)) {
         let grown = setup.with(&plan);
         let (planned, steps) = stage(&grown, visits, &task, &Known::nominal(&grown), id)?;
         plan.steps.extend(steps);
@@ -151,7 +160,7 @@ fn stage(
     id: u32,
 ) -> Result<(Stage, Vec<Step>), Refused> {
     let steps = match task.pass {
-        Pass::Reference if task.number > 0 => again(setup, task),
+        Pass::Reference | Pass::Watch if task.number > 0 => again(setup, task),
         _ => new_steps(setup, visits, task, known)?,
     };
     let steps = setup.plan.numbered(id, steps);
@@ -170,9 +179,11 @@ fn name(setup: &MeasurementSetup<'_>, visits: &[Visit], task: &Task) -> String {
     match task.pass {
         Pass::Find => format!("find at {at} ({} of {})", task.number + 1, visits.len()),
         Pass::Slow => format!("measure at {at} ({} of {})", task.number + 1, visits.len()),
-        Pass::Reference => {
+        Pass::Watch | Pass::Reference => {
             let ball = task.balls.first().and_then(|ball| setup.balls.balls.get(*ball));
-            format!("reference: ball {}", ball.map_or("", |ball| &ball.id))
+            let what =
+                if task.pass == Pass::Watch { "is the machine at rest" } else { "reference" };
+            format!("{what}: ball {}", ball.map_or("", |ball| &ball.id))
         }
     }
 }
@@ -194,7 +205,7 @@ fn new_steps(
         let expected = Ball { centre_mm, ..ball.clone() };
         let approach = match task.pass {
             Pass::Find => setup.search(known.uncertainty_mm(setup)),
-            Pass::Slow | Pass::Reference => Approach::Slow { standoff_mm, search_mm },
+            Pass::Slow | Pass::Watch | Pass::Reference => Approach::Slow { standoff_mm, search_mm },
         };
         let kind = if task.pass == Pass::Reference { StepKind::Reference } else { StepKind::Touch };
         let label = |touch: &str| {
@@ -221,11 +232,11 @@ fn refused(setup: &MeasurementSetup<'_>, visit: &Visit, ball: &Ball, why: &Unrea
     Refused { why: format!("ball {} at {}: {why}", ball.id, describe_position(&visit.at)), instead }
 }
 
-/// The first round of the references once more: the very same places.
+/// The first round of references or of the watch once more: the very same places.
 fn again(setup: &MeasurementSetup<'_>, task: &Task) -> Vec<Step> {
     let label = |step: &Step| step.label.parse::<Label>().ok();
     let of_first = |step: &&Step| {
-        label(step).is_some_and(|label| label.pass == Pass::Reference && label.indexation == 0)
+        label(step).is_some_and(|label| label.pass == task.pass && label.indexation == 0)
     };
     let renumbered = |step: &Step| {
         let label = Label { indexation: task.number as u32, ..label(step)? };

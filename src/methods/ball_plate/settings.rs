@@ -106,6 +106,7 @@ impl Settings {
             find: Find::Once,
             touches: self.touches,
             has_references: self.references,
+            watch_s: 0.0,
             standoff_mm: self.standoff_mm,
             search_mm: self.search_mm,
             form_limit_mm: self.form_limit_um * 1e-3,

@@ -1,0 +1,107 @@
+//! Whether the machine stands still before a long measurement: one ball is measured again and again until it does.
+
+use estimation::coverage::coverage_factor;
+use nalgebra::Vector3;
+
+use super::known::taken;
+use super::label::{Label, Pass};
+use super::setup::MeasurementSetup;
+use crate::Refused;
+use crate::identification::declared::drift_mm_per_s;
+use machine::record::reading::Reading;
+
+/// Rounds that show a creep and its scatter.
+const LEAST_ROUNDS: usize = 5;
+/// As many times the asked duration a machine has to come to rest.
+const MOST: f64 = 6.0;
+
+/// How fast the ball moves along one axis.
+#[derive(Debug, Clone, Copy)]
+struct Creep {
+    axis: char,
+    mm_per_s: f64,
+    /// Expanded, from the scatter of the rounds about the line.
+    expanded: f64,
+}
+
+/// Whether another round is wanted: the rounds of the last `watch_s` are too short a time, or show that the machine
+/// creeps faster than declared.
+///
+/// # Errors
+/// It creeps after several times that duration, and nobody has looked since.
+pub fn goes_on(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, Refused> {
+    let watch_s = setup.touch.watch_s;
+    // It is over when the measurement has begun, also for a run that is resumed.
+    if watch_s <= 0.0 || has_begun(setup) {
+        return Ok(false);
+    }
+    let looked_s = setup.plan.gaps_s.last().copied().unwrap_or(f64::NEG_INFINITY);
+    let rounds = rounds(setup, readings, looked_s);
+    let (Some((first_s, _)), Some((last_s, _))) = (rounds.first(), rounds.last()) else {
+        return Ok(true);
+    };
+    let watched_s = last_s - first_s;
+    let newest: Vec<(f64, Vector3<f64>)> =
+        rounds.iter().copied().filter(|(t_s, _)| last_s - t_s <= watch_s).collect();
+    if watched_s < watch_s || newest.len() < LEAST_ROUNDS {
+        return Ok(true);
+    }
+    // Of a standard deviation, at k = 2.
+    let usual = 2.0 * drift_mm_per_s(setup.plan);
+    let creeps = |creep: &Creep| creep.mm_per_s.abs() - creep.expanded > usual;
+    let Some(creep) = creep(&newest).into_iter().find(creeps) else { return Ok(false) };
+    let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
+    Refused::unless(
+        watched_s < MOST * watch_s,
+        format!(
+            "the machine does not come to rest: within {:.0} min the ball creeps by ({:.1} ± {:.1}) µm/h along {}, \
+             where drift_um_per_h declares {:.1} at most",
+            watched_s / 60.0,
+            um_per_h(creep.mm_per_s),
+            um_per_h(creep.expanded),
+            creep.axis,
+            um_per_h(usual)
+        ),
+        "let it warm up or cool down and resume the run; declare in drift_um_per_h of [machine] what cannot be helped",
+    )?;
+    Ok(true)
+}
+
+fn has_begun(setup: &MeasurementSetup<'_>) -> bool {
+    let pass = |label: &str| label.parse::<Label>().is_ok_and(|label| label.pass == Pass::Slow);
+    setup.plan.steps.iter().any(|step| pass(&step.label))
+}
+
+/// Time and centre of each round since a person has looked.
+fn rounds(
+    setup: &MeasurementSetup<'_>,
+    readings: &[Reading],
+    looked_s: f64,
+) -> Vec<(f64, Vector3<f64>)> {
+    let all = taken(setup, readings);
+    let of_watch = all.iter().filter(|taken| taken.label.pass == Pass::Watch);
+    let round = of_watch.filter_map(|taken| {
+        let measured = taken.measured(setup)?.ok()?;
+        let times = taken.readings.iter().map(|reading| reading.t_s);
+        Some((times.sum::<f64>() / taken.readings.len() as f64, measured.centre_mm))
+    });
+    round.filter(|(t_s, _)| *t_s > looked_s).collect()
+}
+
+/// Straight lines through the rounds.
+fn creep(rounds: &[(f64, Vector3<f64>)]) -> [Creep; 3] {
+    let count = rounds.len() as f64;
+    let middle_s = rounds.iter().map(|(t_s, _)| t_s).sum::<f64>() / count;
+    let mean = rounds.iter().map(|(_, at)| at).sum::<Vector3<f64>>() / count;
+    let square: f64 = rounds.iter().map(|(t_s, _)| (t_s - middle_s).powi(2)).sum();
+    let rate = rounds.iter().map(|(t_s, at)| (at - mean) * (t_s - middle_s)).sum::<Vector3<f64>>()
+        / square;
+    let left =
+        |(t_s, at): &(f64, Vector3<f64>)| (at - mean - rate * (t_s - middle_s)).map(|d| d * d);
+    let variance = rounds.iter().map(left).sum::<Vector3<f64>>() / (count - 2.0);
+    [(0, 'X'), (1, 'Y'), (2, 'Z')].map(|(k, axis)| Creep {
+        axis,
+        mm_per_s: rate[k],
+        expanded: coverage_factor(count - 2.0) * (variance[k] / square).sqrt(),
+    })
+}
