@@ -28,6 +28,7 @@ fn estimate(values: &[(&str, f64, bool)]) -> Estimate {
         identifiable: *identifiable,
         u_monte_carlo: None,
         budget: Vec::new(),
+        judged: None,
     };
     let mut estimate: Estimate = serde_json::from_value(serde_json::json!({
         "trued_estimate": 1, "method": "samba", "parameters": [], "functions": [],

@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::failure::Failure;
 use crate::archive::report::report;
 use crate::store::{Journal, RunId};
-use machine::record::estimate::{Estimate, Unit, Verdict};
+use machine::record::estimate::{Estimate, Judgement, Unit, Verdict};
 
 pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(Failure::plain)?;
@@ -16,18 +16,21 @@ pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
 }
 
 pub fn print_estimate(estimate: &Estimate) {
-    say!("{:<12} {:>12} {:>9} {:>9} {:>6}  unit", "parameter", "value", "u", "U", "k");
+    let is_judged = estimate.parameters.iter().any(|p| p.judged.is_some());
+    let more = if is_judged { "       limit  verdict" } else { "" };
+    say!("{:<12} {:>12} {:>9} {:>9} {:>6}  unit{more}", "parameter", "value", "u", "U", "k");
     for p in &estimate.parameters {
         // All to a nanometre, or so.
         let digits = if p.unit == Unit::Mm { 5 } else { 3 };
         say!(
-            "{:<12} {:>12.digits$} {:>9.digits$} {:>9.digits$} {:>6.2}  {}",
+            "{:<12} {:>12.digits$} {:>9.digits$} {:>9.digits$} {:>6.2}  {}{}",
             p.symbol,
             p.value,
             p.u,
             p.expanded,
             p.k,
-            p.unit.symbol()
+            p.unit.symbol(),
+            p.judged.as_ref().map_or(String::new(), |judged| in_columns(judged, p.unit))
         );
     }
     say!(
@@ -51,7 +54,21 @@ pub fn print_estimate(estimate: &Estimate) {
     for line in &estimate.warnings {
         say!("warning: {line}");
     }
+    let names = |verdict: Verdict| estimate.with_verdict(verdict).join(", ");
     say!("verdict: {}", in_words(estimate.verdict));
+    for (verdict, what) in [(Verdict::Fail, "out of tolerance"), (Verdict::Undecided, "undecided")]
+    {
+        if !names(verdict).is_empty() {
+            say!("{what}: {}", names(verdict));
+        }
+    }
+}
+
+/// Limit, verdict and probability of conformance.
+fn in_columns(Judgement { limit, verdict, conformance }: &Judgement, unit: Unit) -> String {
+    let conformance = conformance.map(|p| format!(" (conforms with {:.1} %)", 100.0 * p));
+    let width = 16 - unit.symbol().chars().count();
+    format!("{limit:>width$.3}  {verdict}{}", conformance.unwrap_or_default())
 }
 
 pub fn in_words(verdict: Verdict) -> &'static str {

@@ -30,6 +30,15 @@ pub fn two_sided(probability: f64, dof: f64) -> f64 {
     StudentsT::new(0.0, 1.0, dof).map_or(f64::INFINITY, |student| student.inverse_cdf(upper))
 }
 
+/// Probability that a Student variable with `dof` degrees of freedom is below `t`; the normal distribution's for
+/// `f64::INFINITY`. NaN without degrees of freedom.
+pub fn cumulative(t: f64, dof: f64) -> f64 {
+    if dof >= MANY {
+        return Normal::standard().cdf(t);
+    }
+    StudentsT::new(0.0, 1.0, dof).map_or(f64::NAN, |student| student.cdf(t))
+}
+
 /// Effective degrees of freedom of u² = Σu_i² (GUM equation G.2b, Welch–Satterthwaite) for
 /// `(u_i², dof_i)`. Components known exactly have `f64::INFINITY`.
 pub fn effective_dof(components: &[(f64, f64)]) -> f64 {

@@ -6,7 +6,7 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 use super::captions::{drawing, figures, symbol};
 use super::rows::Rows;
 use super::{ErrorMap, figure, number, planned, proven, related, vectors};
-use machine::record::estimate::{Estimate, Parameter, Verdict};
+use machine::record::estimate::{Estimate, Judgement, Parameter, Verdict};
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
 
@@ -49,7 +49,9 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
         context! {
             method => plan.method.as_str(),
             machine => plan.machine.name.as_str(),
-            verdict => verdict(estimate.verdict),
+            verdict => verdict(estimate),
+            is_judged => estimate.parameters.iter().any(|p| p.judged.is_some()),
+            decision_rule => estimate.decision_rule.as_deref(),
             parameters => estimate.parameters.iter().map(parameter).collect::<Vec<_>>(),
             key_results => key_results(&estimate.parameters),
             figures => figures(estimate),
@@ -83,8 +85,8 @@ fn key_results(parameters: &[Parameter]) -> usize {
 }
 
 /// Class of the badge and its words.
-fn verdict(verdict: Verdict) -> Value {
-    let (class, text) = match verdict {
+fn verdict(estimate: &Estimate) -> Value {
+    let (class, text) = match estimate.verdict {
         Verdict::Pass => ("pass", "Pass: within tolerance, uncertainty included"),
         Verdict::Fail => ("fail", "Fail: out of tolerance, uncertainty included"),
         Verdict::Undecided => ("undecided", "Undecided: the uncertainty reaches over the limit"),
@@ -94,7 +96,11 @@ fn verdict(verdict: Verdict) -> Value {
         ),
         Verdict::None => ("none", "No verdict: no tolerance was given"),
     };
-    context! { class, text }
+    let names = match estimate.verdict {
+        Verdict::UndecidedModel => String::new(),
+        verdict => estimate.with_verdict(verdict).join(", "),
+    };
+    context! { class, text, names }
 }
 
 fn parameter(parameter: &Parameter) -> Value {
@@ -108,6 +114,15 @@ fn parameter(parameter: &Parameter) -> Value {
         k => number::fixed(parameter.k, 2),
         dof => parameter.dof.map_or("∞".to_owned(), |dof| number::fixed(dof, 1)),
         identifiable => parameter.identifiable,
+        judged => parameter.judged.map(judged),
+    }
+}
+
+fn judged(Judgement { limit, verdict, conformance }: Judgement) -> Value {
+    context! {
+        limit => number::fixed(limit, 1),
+        verdict => verdict.to_string(),
+        conformance => conformance.map_or("—".to_owned(), |p| format!("{} %", number::fixed(100.0 * p, 1))),
     }
 }
 

@@ -87,6 +87,7 @@ fn example() -> Estimate {
         degrees_of_freedom: 38,
         chi2_per_dof: 1.04,
         verdict: Verdict::Pass,
+        decision_rule: None,
         warnings: vec!["holds at the height Z = 62 mm only".to_owned()],
         priors: Vec::new(),
         measured: Default::default(),
@@ -133,6 +134,26 @@ fn facts() -> Facts {
         hashes: vec![("plan".to_owned(), "ba7816bf8f01cfea".repeat(4))],
         proofs: vec![proof(0, 2.25), proof(0, 1.26)],
         volume: None,
+    }
+}
+
+/// Who reads the page sees what failed, by how much and by which rule; without limits there is no column for them.
+#[test]
+fn what_failed_is_named() {
+    let mut estimate = example();
+    let page = |estimate: &Estimate| render(&plan("mill"), estimate, &facts()).unwrap();
+    assert!(!page(&estimate).contains("Probability of conformance"));
+    estimate.verdict = Verdict::Fail;
+    estimate.decision_rule = Some("guard bands".to_owned());
+    let symbol = estimate.parameters[1].symbol.clone();
+    estimate.parameters[1].judged =
+        Some(Judgement { limit: 12.5, verdict: Verdict::Fail, conformance: Some(0.0213) });
+    let failed = page(&estimate);
+    assert!(failed.contains(&format!("uncertainty included: {symbol}</p>")), "{symbol}");
+    for words in
+        ["<td>12.5</td><td>fail</td><td>2.1 %</td>", "no limit", "Decision rule: guard bands."]
+    {
+        assert!(failed.contains(words), "{words}");
     }
 }
 

@@ -176,7 +176,7 @@ fn ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
 
 /// The estimate with its verdict, and a warning for every limit that nothing answers to.
 pub fn judged(mut estimate: Estimate, tolerance: &[Limit]) -> Estimate {
-    estimate.verdict = decision::judge(&estimate, tolerance);
+    decision::judge(&mut estimate, tolerance);
     estimate.warnings.extend(decision::unmatched(&estimate, tolerance));
     estimate
 }

@@ -65,6 +65,21 @@ pub struct Parameter {
     /// Standard uncertainty by source, same unit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub budget: Vec<BudgetLine>,
+    /// Against its limit, if there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub judged: Option<Judgement>,
+}
+
+/// What the limit of a parameter says.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Judgement {
+    /// |value| may be so much, in the parameter's unit.
+    pub limit: f64,
+    pub verdict: Verdict,
+    /// Probability that the true value is within the limit (JCGM 106, 7.2), by value, u and degrees of freedom; absent
+    /// where the uncertainty cannot be trusted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub conformance: Option<f64>,
 }
 
 /// How the size of a source of uncertainty was evaluated (JCGM 100, 4.2 and 4.3).
@@ -86,6 +101,12 @@ pub struct BudgetLine {
 }
 
 impl Estimate {
+    /// Symbols of the parameters that were judged so.
+    pub fn with_verdict(&self, verdict: Verdict) -> Vec<&str> {
+        let so = |p: &&Parameter| p.judged.is_some_and(|judged| judged.verdict == verdict);
+        self.parameters.iter().filter(so).map(|p| p.symbol.as_str()).collect()
+    }
+
     /// Its displacements along X and Y over an angle hold at this point, machine frame with all axes at zero, mm.
     pub fn displaced_at(mut self, at_mm: [f64; 3]) -> Self {
         let is_across = |f: &Function| f.symbol.starts_with("EX") || f.symbol.starts_with("EY");
@@ -249,6 +270,9 @@ pub struct Estimate {
     /// move many readings together are declared.
     pub chi2_per_dof: f64,
     pub verdict: Verdict,
+    /// By which it was judged, in words.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub decision_rule: Option<String>,
     pub warnings: Vec<String>,
     /// Hashes of the estimates taken as known.
     pub priors: Vec<String>,

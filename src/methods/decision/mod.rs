@@ -6,29 +6,36 @@ pub mod references;
 pub mod revisit;
 pub mod trend;
 
-use machine::record::estimate::{Estimate, Limit, Parameter, Verdict};
+use estimation::coverage::cumulative;
+use machine::record::estimate::{Estimate, Judgement, Limit, Parameter, Verdict};
 
-/// Judge every parameter that has a tolerance, with the expanded uncertainty as guard band on both
-/// sides (ISO 14253-1): pass only if the whole interval lies inside, fail only if it lies outside,
-/// otherwise undecided. The worst parameter decides; a limit for something that was not estimated, or
-/// in another unit, leaves it undecided; without any limit there is no verdict. A misfit that the
-/// identification has found stands, whatever the limits.
-pub fn judge(estimate: &Estimate, limits: &[Limit]) -> Verdict {
-    if estimate.verdict == Verdict::UndecidedModel {
-        return Verdict::UndecidedModel;
-    }
-    let verdicts: Vec<Verdict> = limits
-        .iter()
-        .map(|limit| {
-            let matches = |p: &&Parameter| p.symbol == limit.symbol && p.unit == limit.unit;
-            match estimate.parameters.iter().find(matches) {
-                Some(parameter) => judge_one(parameter, limit.limit),
-                None => Verdict::Undecided,
+const DECISION_RULE: &str = "guard bands of U on both sides (ISO 14253-1): pass if the whole interval lies within the \
+                             limit, fail if it lies outside; the worst parameter decides";
+
+/// Judges every parameter that has a limit. With the expanded uncertainty as guard band on both sides (ISO 14253-1):
+/// pass only if the whole interval lies inside, fail only if it lies outside, otherwise undecided. The worst parameter
+/// decides; a limit for something that was not estimated, or in another unit, leaves it undecided; without any limit
+/// there is no verdict. A misfit that the identification has found stands, whatever the limits.
+pub fn judge(estimate: &mut Estimate, limits: &[Limit]) {
+    let contradicted = estimate.verdict == Verdict::UndecidedModel;
+    let mut verdicts = Vec::new();
+    for Limit { symbol, unit, limit } in limits {
+        let mut parameters = estimate.parameters.iter_mut();
+        let verdict = match parameters.find(|p| p.symbol == *symbol && p.unit == *unit) {
+            Some(parameter) => {
+                let judged = judge_one(parameter, *limit, contradicted);
+                parameter.judged = Some(judged);
+                judged.verdict
             }
-        })
-        .collect();
+            None => Verdict::Undecided,
+        };
+        verdicts.push(verdict);
+    }
     let any = |wanted| verdicts.contains(&wanted);
-    if verdicts.is_empty() {
+    estimate.decision_rule = (!verdicts.is_empty()).then(|| DECISION_RULE.to_owned());
+    estimate.verdict = if contradicted {
+        Verdict::UndecidedModel
+    } else if verdicts.is_empty() {
         Verdict::None
     } else if any(Verdict::Fail) {
         Verdict::Fail
@@ -36,7 +43,7 @@ pub fn judge(estimate: &Estimate, limits: &[Limit]) -> Verdict {
         Verdict::Undecided
     } else {
         Verdict::Pass
-    }
+    };
 }
 
 /// Limits that no parameter of the estimate answers to, in words.
@@ -59,17 +66,24 @@ pub fn unmatched(estimate: &Estimate, limits: &[Limit]) -> Vec<String> {
         .collect()
 }
 
-fn judge_one(parameter: &Parameter, limit: f64) -> Verdict {
-    let magnitude = parameter.value.abs();
-    if !parameter.identifiable || !magnitude.is_finite() || !parameter.expanded.is_finite() {
+fn judge_one(parameter: &Parameter, limit: f64, contradicted: bool) -> Judgement {
+    let Parameter { value, u, expanded, dof, .. } = *parameter;
+    let magnitude = value.abs();
+    let is_known = parameter.identifiable && magnitude.is_finite() && expanded.is_finite();
+    let verdict = if contradicted {
+        Verdict::UndecidedModel
+    } else if !is_known {
         Verdict::Undecided
-    } else if magnitude + parameter.expanded <= limit {
+    } else if magnitude + expanded <= limit {
         Verdict::Pass
-    } else if magnitude - parameter.expanded > limit {
+    } else if magnitude - expanded > limit {
         Verdict::Fail
     } else {
         Verdict::Undecided
-    }
+    };
+    let below = |bound: f64| cumulative((bound - value) / u, dof.unwrap_or(f64::INFINITY));
+    let conformance = (is_known && !contradicted && u > 0.0).then(|| below(limit) - below(-limit));
+    Judgement { limit, verdict, conformance }
 }
 
 #[cfg(test)]
@@ -89,15 +103,39 @@ mod tests {
             identifiable: true,
             u_monte_carlo: None,
             budget: Vec::new(),
+            judged: None,
         }
     }
 
     #[test]
     fn the_guard_band_makes_a_third_state() {
-        assert_eq!(judge_one(&one(-7.9, 2.0), 10.0), Verdict::Pass);
-        assert_eq!(judge_one(&one(-8.1, 2.0), 10.0), Verdict::Undecided);
-        assert_eq!(judge_one(&one(11.9, 2.0), 10.0), Verdict::Undecided);
-        assert_eq!(judge_one(&one(12.1, 2.0), 10.0), Verdict::Fail);
-        assert_eq!(judge_one(&one(f64::NAN, 2.0), 10.0), Verdict::Undecided);
+        let verdict = |parameter: &Parameter| judge_one(parameter, 10.0, false).verdict;
+        assert_eq!(verdict(&one(-7.9, 2.0)), Verdict::Pass);
+        assert_eq!(verdict(&one(-8.1, 2.0)), Verdict::Undecided);
+        assert_eq!(verdict(&one(11.9, 2.0)), Verdict::Undecided);
+        assert_eq!(verdict(&one(12.1, 2.0)), Verdict::Fail);
+        assert_eq!(verdict(&one(f64::NAN, 2.0)), Verdict::Undecided);
+    }
+
+    /// By tables: of a normal distribution one and two standard deviations hold 84.13 and 97.72 % below them; of
+    /// Student's with 5 degrees of freedom 2.015 hold 95 %.
+    #[test]
+    fn the_probability_of_conformance_is_that_of_tables() {
+        let near = |parameter: &Parameter, expected: f64| {
+            let found = judge_one(parameter, 10.0, false).conformance.unwrap();
+            assert!((found - expected).abs() < 1e-4, "{found} {expected}");
+        };
+        near(&one(9.0, 2.0), 0.8413);
+        near(&one(-8.0, 2.0), 0.9772);
+        near(&one(12.0, 2.0), 0.0228);
+        // Both limits count where u is large.
+        near(&one(0.0, 20.0), 0.6827);
+        near(&Parameter { dof: Some(5.0), ..one(10.0 - 2.015, 2.0) }, 0.9500);
+        assert_eq!(judge_one(&one(f64::NAN, 2.0), 10.0, false).conformance, None);
+        let contradicted = judge_one(&one(1.0, 2.0), 10.0, true);
+        assert_eq!(
+            (contradicted.verdict, contradicted.conformance),
+            (Verdict::UndecidedModel, None)
+        );
     }
 }

@@ -74,6 +74,7 @@ impl Identification {
                 false => 0.0,
             },
             verdict: if misfit.above { Verdict::UndecidedModel } else { Verdict::None },
+            decision_rule: None,
             warnings: Vec::new(),
             priors: Vec::new(),
             measured: BTreeMap::new(),
@@ -176,5 +177,6 @@ pub fn reported_parameter(
         identifiable: true,
         u_monte_carlo: None,
         budget: Vec::new(),
+        judged: None,
     }
 }

@@ -87,6 +87,7 @@ fn estimate(value: f64) -> Estimate {
         identifiable: true,
         u_monte_carlo: None,
         budget: Vec::new(),
+        judged: None,
     });
     estimate
 }

@@ -61,6 +61,21 @@ pub struct ParameterView {
     u_monte_carlo: Option<f64>,
     #[schema(required = false)]
     budget: Vec<BudgetView>,
+    /// Absent without a limit.
+    #[schema(required = false)]
+    judged: Option<JudgementView>,
+}
+
+/// What the limit of a parameter says.
+#[derive(ToSchema)]
+#[schema(as = Judgement)]
+pub struct JudgementView {
+    /// |value| may be so much, in the parameter's unit.
+    limit: f64,
+    verdict: VerdictView,
+    /// Probability that the true value is within the limit; absent where the uncertainty cannot be trusted.
+    #[schema(required = false)]
+    conformance: Option<f64>,
 }
 
 /// A source of uncertainty.
@@ -206,7 +221,9 @@ mod tests {
     use super::*;
     use crate::archive::compare::Comparison;
     use crate::store::{Audit, Audited, RunId, RunState, RunSummary};
-    use machine::record::estimate::{BudgetLine, EvaluationType, Parameter, Unit, Verdict};
+    use machine::record::estimate::{
+        BudgetLine, EvaluationType, Judgement, Parameter, Unit, Verdict,
+    };
     use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
     use methods::decision::difference::Difference;
     use methods::decision::function_difference::FunctionDifference;
@@ -301,7 +318,9 @@ mod tests {
                 evaluation: Some(EvaluationType::A),
                 u: 0.1,
             }],
+            judged: Some(Judgement { limit: 5.0, verdict: Verdict::Pass, conformance: Some(1.0) }),
         };
+        same::<JudgementView>(parameter.judged);
         same::<BudgetView>(&parameter.budget[0]);
         same::<ParameterView>(parameter);
         same::<RunView>(summary());

@@ -107,6 +107,10 @@ pub fn standing(machine: &Shown) -> Value {
             value => format!("{:.1}", p.value),
             expanded => format!("{:.1}", p.expanded),
             unit => p.unit.symbol(),
+            judged => p.judged.map(|judged| context! {
+                limit => format!("{:.1}", judged.limit),
+                verdict => judged.verdict.to_string(),
+            }),
         }
     });
     let cycles = standing.cycles.iter();

@@ -71,7 +71,12 @@ fn result(estimate: &Estimate) -> Value {
             expanded => format!("{:.1}", p.expanded),
             unit => p.unit.symbol(),
             identifiable => p.identifiable,
+            judged => p.judged.map(|judged| context! {
+                limit => format!("{:.1}", judged.limit),
+                verdict => judged.verdict.to_string(),
+            }),
         }
     });
-    context! { class, glance, parameters => rows.collect::<Vec<_>>() }
+    let is_judged = estimate.parameters.iter().any(|p| p.judged.is_some());
+    context! { class, glance, is_judged, parameters => rows.collect::<Vec<_>>() }
 }

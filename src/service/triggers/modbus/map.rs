@@ -185,6 +185,7 @@ mod tests {
             identifiable: true,
             u_monte_carlo: None,
             budget: Vec::new(),
+            judged: None,
         };
         assert_eq!(
             deviation(&parameter(-0.001)),
