@@ -12,12 +12,11 @@ pub fn volume(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Ve
     let poses = predictor.volume().ok()?;
     let errors = predictor.volume_errors(&poses);
     let slices = predictor.slices(poses.get(errors[0].worst)?).ok()?;
-    let mut lines = vec![
-        "By the errors of the axes that are found here, over the ranges of the axes that were measured, with \
-         tool-centre control; the work zero is set with the tip on the origin of the table and the rotary axes at 0. \
-         What the model does not hold is not in it."
-            .to_owned(),
-    ];
+    let mut lines = vec![format!(
+        "{}; over the ranges of the axes that were measured, with tool-centre control, the work zero set with the tip \
+         on the origin of the table and the rotary axes at 0",
+        predictor.model_in_words()
+    )];
     lines.extend(Predictor::in_words(errors, &poses));
     let symbols = predictor.symbols().to_vec();
     lines.push(predictor.left_in_words(&symbols, &poses).ok()?);

@@ -7,6 +7,7 @@ use super::failure::Failure;
 use super::files::read_estimate;
 use super::result_args::PredictArgs;
 use crate::setup;
+use machine::record::machine::Machine;
 use machine::{Axis, Position};
 use methods::prediction::{PoseError, Predictor, WorkZero};
 
@@ -23,15 +24,21 @@ const COLUMNS: [(&str, Axis); 7] = [
 pub fn predict(args: &PredictArgs) -> Result<Exit, Failure> {
     let estimate = read_estimate(&args.estimate)?;
     let machine = setup::load(args.machine.as_deref(), &estimate.method)?.machine;
-    let zero = match &args.zero {
+    let zero_at = args.zero.as_deref().map(pose_in_words).transpose()?;
+    let zero = match &zero_at {
         _ if args.without_tool_centre_control => WorkZero::EachTime,
-        Some(words) => WorkZero::At(pose_in_words(words)?),
+        Some(at) => WorkZero::At(at.clone()),
         None => WorkZero::OnTable,
     };
     let predictor = Predictor::new(&machine, &estimate, zero)?;
+    if let Some(zero) = zero_at.as_ref().filter(|_| !args.extrapolate) {
+        let refused =
+            |why: methods::Refused| Failure::new(format!("--zero: {}", why.why), why.instead);
+        predictor.check(zero).map_err(refused)?;
+    }
     let poses = match &args.at {
         Some(file) => {
-            let (axes, poses) = read_poses(file)?;
+            let (axes, poses) = read_poses(file, &machine)?;
             if !args.extrapolate {
                 check(&predictor, file, &poses)?;
             }
@@ -41,6 +48,7 @@ pub fn predict(args: &PredictArgs) -> Result<Exit, Failure> {
         }
         None => predictor.volume()?,
     };
+    tell!("{}", predictor.model_in_words());
     for line in Predictor::in_words(predictor.volume_errors(&poses), &poses) {
         tell!("{line}");
     }
@@ -85,7 +93,7 @@ fn pose_in_words(words: &str) -> Result<Position, Failure> {
 type Poses = (Vec<(&'static str, Axis)>, Vec<(Position, u64)>);
 
 /// Axes in the order of the columns; each pose with its line.
-fn read_poses(file: &Path) -> Result<Poses, Failure> {
+fn read_poses(file: &Path, machine: &Machine) -> Result<Poses, Failure> {
     let wrong = |line: u64, why: String| {
         Failure::new(
             format!("{}, line {line}: {why}", file.display()),
@@ -103,6 +111,14 @@ fn read_poses(file: &Path) -> Result<Poses, Failure> {
         .iter()
         .map(|name| known(name).ok_or_else(|| wrong(1, format!("`{name}` is no column of a pose"))))
         .collect::<Result<Vec<_>, _>>()?;
+    for (number, (name, axis)) in axes.iter().enumerate() {
+        if axes[..number].iter().any(|(_, other)| other == axis) {
+            return Err(wrong(1, format!("`{name}` is there twice")));
+        }
+        if !machine.axes.contains_key(axis) {
+            return Err(wrong(1, format!("`{name}`: {} has no axis {axis}", machine.name)));
+        }
+    }
     let mut poses = Vec::new();
     for row in rows.records() {
         let row = row.map_err(|error| {
@@ -119,6 +135,9 @@ fn read_poses(file: &Path) -> Result<Poses, Failure> {
             at.set(*axis, axis.from_edge(value));
         }
         poses.push((at, line));
+    }
+    if poses.is_empty() {
+        return Err(wrong(1, "there is no pose".to_owned()));
     }
     Ok((axes, poses))
 }

@@ -153,6 +153,7 @@ fn points_csv(
     estimate: Option<&Estimate>,
 ) -> Result<String, Failure> {
     let frame = WorkpieceFrame::new(plan, estimate)?;
+    tell!("points: {}", frame.stylus_in_words());
     let mut lines = vec!["step,label,repeat,sensor,x_mm,y_mm,z_mm,u_x_mm,u_y_mm,u_z_mm".to_owned()];
     for reading in readings.iter().filter(|reading| reading.flag == Flag::None) {
         let Some(point) = frame.point(reading) else { continue };

@@ -28,10 +28,9 @@ pub(super) fn vectors(figure: &ArrowFigure) -> Value {
         groups => groups.collect::<Vec<_>>(),
         flagged => flagged.collect::<Vec<_>>(),
         cut => common.as_ref().is_some_and(|common| common.cuts(figure)),
-        magnified => (figure.figure == VectorKind::Paths).then(|| {
-            let magnified = common.and_then(|common| common.magnified(figure.unit));
-            magnified.map_or("magnified".to_owned(), |by| format!("magnified {by:.0} times"))
-        }),
+        magnified => common
+            .and_then(|common| common.magnified(figure.unit))
+            .map(|by| format!("magnified {by:.0} times")),
     }
 }
 

@@ -174,7 +174,7 @@ fn a_machine_that_is_not_at_rest_is_watched() {
     assert!((240.0..900.0).contains(&last_s));
     let why = watched(40.0).unwrap_err().why;
     println!("{why}");
-    assert!(why.starts_with("the machine does not come to rest: within 24 min"), "{why}");
+    assert!(why.starts_with("the machine is not seen to come to rest: after 24 min"), "{why}");
 }
 
 /// The table on A and Y, X on the spindle's side, and other errors.

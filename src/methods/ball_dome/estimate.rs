@@ -53,12 +53,14 @@ pub fn estimate(
     let of_readings = sources::of_readings(plan, points.chain(), &observed);
     let judged = known.as_ref().and_then(|_| variants.iter().position(|v| v.kind.name == "S3"));
     let weights = weights(&points, &of_readings);
+    let groups = outputs::Groups::of(&observed);
     let model = DomeModel {
         points: &points,
         variants: &variants,
         by_errors: &by_errors(&points, known.as_ref()),
         balls: setup.balls.balls.len(),
         judged,
+        groups: &groups.points,
         weights: &weights,
     };
     let mut sources = of_readings;
@@ -74,15 +76,13 @@ pub fn estimate(
     };
     let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
-    let identified = identify(&solution, &sources, outputs::outputs(&model), Some(trials))?;
+    let identified =
+        identify(&solution, &sources, outputs::outputs(&model, &groups), Some(trials))?;
     let mut estimate = identified.estimate(super::NAME);
     // The deviations come first.
     estimate.parameters.rotate_right(2 * variants.len());
     estimate.arrows = outputs::arrows(&setup, &observed, &points, [&variants[0], best]);
     estimate.functions.extend(variants.iter().map(outputs::histogram));
-    let shown = [&variants[0], best];
-    let by = shown.into_iter().flat_map(|v| outputs::by_ball_and_place(v, &points, &observed));
-    estimate.functions.extend(by);
     Ok(Estimate {
         gauge: outputs::gauge(
             tool_ball_id(&setup, tool_ball),

@@ -33,8 +33,12 @@ pub fn variants(
         match found(kind, points, errors, known, tool_ball) {
             Some(found) => variants.push(Variant::new(kind, points, errors, found)),
             None => lost.push(format!(
-                "{}: the measured indexations do not determine the stylus",
-                kind.name
+                "{}: the measured indexations do not determine {}",
+                kind.name,
+                match kind.stylus {
+                    StylusFrom::FullFit => "machine errors and stylus at once",
+                    _ => "the stylus",
+                }
             )),
         }
     }

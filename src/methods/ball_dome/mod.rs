@@ -60,15 +60,19 @@ impl Method for BallDome {
         ball_measurement::next(&setup, &visits, done, source)
     }
 
-    fn forecast(&self, _plan: &Plan, _machine_s: f64) -> Result<Vec<String>, Refused> {
-        let watch_min = self.settings.watch_min;
+    fn forecast(&self, _plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+        let (watch_min, measure_min) = (self.settings.watch_min, machine_s / 60.0);
         let watch = || {
             format!(
-                "before the rest one ball is measured again and again, for {watch_min} min or until the machine \
-                 is at rest: this time is not counted"
+                "about {:.0} min: {measure_min:.0} min of measurement, and before it one ball is watched until the machine \
+                 is at rest, for {watch_min:.0} min at least",
+                measure_min + watch_min
             )
         };
-        Ok((watch_min > 0.0).then(watch).into_iter().collect())
+        Ok(vec![match watch_min > 0.0 {
+            true => watch(),
+            false => format!("about {measure_min:.0} min"),
+        }])
     }
 
     fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {

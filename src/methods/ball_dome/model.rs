@@ -16,6 +16,8 @@ pub struct DomeModel<'a> {
     pub balls: usize,
     /// The variant whose deviations are judged against the declared sources.
     pub judged: Option<usize>,
+    /// Points whose mean deviation is a result, of each variant.
+    pub groups: &'a [Vec<usize>],
     /// Of each point: from its deviation in the table frame to weighted residuals.
     pub weights: &'a [Matrix3<f64>],
 }
@@ -76,21 +78,38 @@ impl DomeModel<'_> {
         self.variants.iter().map(|variant| variant.change(&changes)).collect()
     }
 
-    /// Largest and mean deviation of each variant, then the styluses that are results, mm.
+    /// Largest and mean deviation of each variant, then the styluses that are results, then the mean deviations of the
+    /// groups, variant by variant, mm.
     pub fn values(&self, change: &[f64]) -> Vec<f64> {
         let changes = self.changes(change);
-        let of_variant = |(variant, (moved, _)): (&Variant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
-            let norms = variant.fit.deviations.iter().zip(moved).map(|(d, by)| (d + by).norm());
-            let norms: Vec<f64> = norms.collect();
-            [norms.iter().copied().fold(0.0, f64::max), mean(&norms)]
+        let norms = |(variant, (moved, _)): (&Variant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
+            let deviations = variant.fit.deviations.iter().zip(moved);
+            deviations.map(|(d, by)| (d + by).norm()).collect()
         };
-        let mut values: Vec<f64> =
-            self.variants.iter().zip(&changes).flat_map(of_variant).collect();
+        let norms: Vec<Vec<f64>> = self.variants.iter().zip(&changes).map(norms).collect();
+        let of_variant =
+            |norms: &Vec<f64>| [norms.iter().copied().fold(0.0, f64::max), mean(norms)];
+        let mut values: Vec<f64> = norms.iter().flat_map(of_variant).collect();
         for (variant, (_, stylus)) in self.variants.iter().zip(&changes) {
             let found = variant.has_stylus().then_some(variant.stylus + stylus);
             values.extend(found.iter().flatten());
         }
+        values.extend(norms.iter().flat_map(|norms| self.means(norms)));
         values
+    }
+
+    /// Of each group.
+    fn means(&self, values: &[f64]) -> Vec<f64> {
+        let of = |group: &Vec<usize>| {
+            group.iter().map(|i| values[*i]).sum::<f64>() / group.len().max(1) as f64
+        };
+        self.groups.iter().map(of).collect()
+    }
+
+    /// Index among the values of a group's mean.
+    pub fn group_at(&self, variant: usize, group: usize) -> usize {
+        let styluses = self.variants.iter().filter(|variant| variant.has_stylus()).count();
+        2 * self.variants.len() + 3 * styluses + variant * self.groups.len() + group
     }
 
     pub fn weighted(&self, deviations: &[Vector3<f64>]) -> Vec<f64> {
@@ -109,14 +128,14 @@ impl ObservationModel for DomeModel<'_> {
     }
 
     fn unknowns(&self) -> usize {
-        let styluses = self.variants.iter().filter(|variant| variant.has_stylus()).count();
-        2 * self.variants.len() + 3 * styluses
+        self.group_at(self.variants.len(), 0)
     }
 
     /// A norm changes by the part of the change along it.
     fn respond(&self, change: &[f64]) -> Response {
         let changes = self.changes(change);
         let mut unknowns = Vec::with_capacity(self.unknowns());
+        let mut means = Vec::new();
         for (variant, (moved, _)) in self.variants.iter().zip(&changes) {
             let deviations = &variant.fit.deviations;
             let along = |(d, by): (&Vector3<f64>, &Vector3<f64>)| {
@@ -127,10 +146,12 @@ impl ObservationModel for DomeModel<'_> {
             unknowns.push(largest.map_or(0.0, along));
             let each: Vec<f64> = deviations.iter().zip(moved).map(along).collect();
             unknowns.push(mean(&each));
+            means.extend(self.means(&each));
         }
         for (variant, (_, stylus)) in self.variants.iter().zip(&changes) {
             unknowns.extend(variant.has_stylus().then_some(*stylus).iter().flatten());
         }
+        unknowns.extend(means);
         let residuals = self.judged.map_or(Vec::new(), |judged| self.weighted(&changes[judged].0));
         Response { unknowns, residuals }
     }

@@ -1,14 +1,16 @@
 //! The estimate in the words and units of the contract.
 
+use std::ops::Range;
+
 use faer::Mat;
 
 use super::model::DomeModel;
 use super::points::Points;
 use super::variant::Variant;
-use crate::ball_measurement::{MeasurementSetup, Observed, describe_position};
+use crate::ball_measurement::{BallCentre, MeasurementSetup, Observed, Pass, describe_position};
 use crate::identification::{
-    Identification, MisfitAdvice, NonlinearOutputs, ObservationModel as _, Output, Outputs,
-    numbered_values,
+    Curve, Identification, MisfitAdvice, NonlinearOutputs, ObservationModel as _, Output, Outputs,
+    numbered_values, unit_slope,
 };
 use machine::Position;
 use machine::record::estimate::{
@@ -23,7 +25,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 
 /// The stylus where it is found, then largest and mean deviations: these are not linear in anything, and have
 /// their uncertainty from the trials.
-pub fn outputs(model: &DomeModel<'_>) -> Outputs {
+pub fn outputs(model: &DomeModel<'_>, groups: &Groups) -> Outputs {
     let values = model.values(&vec![0.0; model.observations()]);
     let names = model
         .variants
@@ -48,9 +50,54 @@ pub fn outputs(model: &DomeModel<'_>) -> Outputs {
     };
     Outputs {
         parameters: styluses.enumerate().map(stylus).collect(),
+        curves: curves(model, groups, &values),
         nonlinear: Some(nonlinear),
-        ..Outputs::default()
     }
+}
+
+/// Measurements that belong together: those of each ball in the order of the artefact, and those at each indexation as the
+/// run counts them, without its references.
+pub struct Groups {
+    balls: usize,
+    pub points: Vec<Vec<usize>>,
+}
+
+impl Groups {
+    pub fn of(observed: &Observed) -> Self {
+        let slow =
+            || observed.centres.iter().enumerate().filter(|(_, c)| c.label.pass == Pass::Slow);
+        let group = |key: fn(&BallCentre) -> usize| -> Vec<Vec<usize>> {
+            let count = slow().map(|(_, centre)| key(centre) + 1).max().unwrap_or(0);
+            let mut groups = vec![Vec::new(); count];
+            slow().for_each(|(i, centre)| groups[key(centre)].push(i));
+            groups
+        };
+        let balls = group(|centre| centre.ball);
+        let indexations = group(|centre| centre.label.indexation as usize);
+        Self { balls: balls.len(), points: [balls, indexations].concat() }
+    }
+}
+
+/// Mean deviation of each ball, and at each indexation.
+fn curves(model: &DomeModel<'_>, groups: &Groups, values: &[f64]) -> Vec<Curve> {
+    let kinds = [("ball", 0..groups.balls), ("indexation", groups.balls..groups.points.len())];
+    let curve = |(variant, (argument, range)): (usize, (&'static str, Range<usize>))| {
+        let first = range.start;
+        let seen: Vec<usize> = range.filter(|group| !groups.points[*group].is_empty()).collect();
+        let at = |group: &usize| model.group_at(variant, *group);
+        Curve {
+            symbol: format!("{}_{argument}", model.variants[variant].kind.name),
+            argument,
+            argument_unit: "",
+            x: seen.iter().map(|group| (group - first + 1) as f64).collect(),
+            y: seen.iter().map(|group| values[at(group)]).collect(),
+            unit: Unit::Um,
+            figure: FigureKind::Points,
+            slopes: seen.iter().map(|group| unit_slope(at(group), values.len())).collect(),
+        }
+    };
+    let both = |variant| kinds.clone().map(|kind| (variant, kind));
+    (0..model.variants.len()).flat_map(both).map(curve).collect()
 }
 
 /// Deviation of each measurement in the order of time.
@@ -58,24 +105,6 @@ pub fn histogram(variant: &Variant) -> Function {
     let norms = variant.fit.deviations.iter().map(|deviation| deviation.norm());
     let symbol = format!("{}_deviation", variant.kind.name);
     Function { figure: FigureKind::Histogram, ..numbered_values(&symbol, "measurement", norms) }
-}
-
-/// Mean deviation of each ball in the order of the artefact, and at each indexation.
-pub fn by_ball_and_place(variant: &Variant, points: &Points, observed: &Observed) -> [Function; 2] {
-    let mean = |group: &dyn Fn(usize) -> bool| {
-        let own = (0..points.count()).filter(|i| group(*i));
-        let own: Vec<f64> = own.map(|i| variant.fit.deviations[i].norm()).collect();
-        own.iter().sum::<f64>() / own.len().max(1) as f64
-    };
-    let balls = points.ball.iter().max().map_or(0, |last| last + 1);
-    let places = observed.commanded.len();
-    let of_ball = (0..balls).map(|ball| mean(&|i| points.ball[i] == ball));
-    let of_place = (0..places).map(|place| mean(&|i| observed.centres[i].commanded == place));
-    let name = variant.kind.name;
-    [
-        numbered_values(&format!("{name}_ball"), "ball", of_ball),
-        numbered_values(&format!("{name}_indexation"), "indexation", of_place),
-    ]
 }
 
 /// Deviations in the artefact frame.

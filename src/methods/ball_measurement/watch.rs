@@ -24,8 +24,8 @@ struct Creep {
     expanded: f64,
 }
 
-/// Whether another round is wanted: the rounds of the last `watch_s` are too short a time, or show that the machine
-/// creeps faster than declared.
+/// Whether another round is wanted: neither the rounds of the last `watch_s` nor all show that the machine creeps no faster
+/// than declared.
 ///
 /// # Errors
 /// It creeps after several times that duration, and nobody has looked since.
@@ -48,13 +48,15 @@ pub fn goes_on(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<boo
     }
     // Of a standard deviation, at k = 2.
     let usual = 2.0 * drift_mm_per_s(setup.plan);
-    let creeps = |creep: &Creep| creep.mm_per_s.abs() - creep.expanded > usual;
-    let Some(creep) = creep(&newest).into_iter().find(creeps) else { return Ok(false) };
+    // Rest that cannot be told from a creep is none: all rounds together tell more than the newest.
+    let may_creep = |creep: &Creep| creep.mm_per_s.abs() > usual || creep.expanded > usual;
+    let creeping = |rounds: &[(f64, Vector3<f64>)]| creep(rounds).into_iter().find(may_creep);
+    let (Some(creep), Some(_)) = (creeping(&newest), creeping(&rounds)) else { return Ok(false) };
     let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
     Refused::unless(
         watched_s < MOST * watch_s,
         format!(
-            "the machine does not come to rest: within {:.0} min the ball creeps by ({:.1} ± {:.1}) µm/h along {}, \
+            "the machine is not seen to come to rest: after {:.0} min the ball creeps by ({:.1} ± {:.1}) µm/h along {}, \
              where drift_um_per_h declares {:.1} at most",
             watched_s / 60.0,
             um_per_h(creep.mm_per_s),
@@ -62,7 +64,8 @@ pub fn goes_on(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<boo
             creep.axis,
             um_per_h(usual)
         ),
-        "let it warm up or cool down and resume the run; declare in drift_um_per_h of [machine] what cannot be helped",
+        "let it warm up or cool down and resume the run; where ± is larger than the limit raise watch_min; declare in \
+         drift_um_per_h of [machine] what cannot be helped",
     )?;
     Ok(true)
 }

@@ -52,6 +52,20 @@ pub fn drift_mm_per_s(plan: &Plan) -> f64 {
     plan.machine.drift_um_per_h * 1e-3 / 3600.0
 }
 
+/// Standard uncertainty of a coordinate of one point, by what the plan declares of the axes and, of a touch, of the probe,
+/// mm; `t_s`: since the beginning of the run, for the drift.
+pub fn point_mm(plan: &Plan, is_touch: bool, t_s: f64) -> f64 {
+    let along = |axis: Axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
+    let rounding = Axis::LINEAR.map(along).into_iter().fold(0.0, f64::max) * 1e-3 / 12f64.sqrt();
+    let motions = plan.machine.axes.values().map(|spec| (spec.error_motion_um * 1e-3).powi(2));
+    let probe = match is_touch {
+        true => repeatability_mm(plan).hypot(plan.probe.lobing_um * 1e-3),
+        false => 0.0,
+    };
+    let drift = drift_mm_per_s(plan) * t_s;
+    (motions.sum::<f64>() + probe.powi(2) + rounding.powi(2) + drift.powi(2)).sqrt()
+}
+
 /// Direction-dependent pre-travel ([`azimuth_patterns`]).
 pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
     azimuth_patterns(plan.probe.lobing_um * 1e-3, normals)

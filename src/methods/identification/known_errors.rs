@@ -21,15 +21,28 @@ impl<'a> KnownErrors<'a> {
     /// Those of the axes of this machine.
     ///
     /// # Errors
-    /// None at all, or none with their covariance.
+    /// None at all, or none with their covariance; errors of axes that this machine does not have.
     pub fn of(estimate: &'a Estimate, chain: &Chain) -> Result<Self, Refused> {
-        let of_machine = estimate.parameters.iter().filter_map(|parameter| {
+        let of_axes = estimate.parameters.iter().filter_map(|parameter| {
             let error: ErrorParameter = parameter.symbol.parse().ok()?;
-            chain.check(error).ok()?;
             let value = parameter.value / parameter.unit.from_internal(1.0);
             Some((ErrorTerm { parameter: error, value }, parameter.symbol.as_str()))
         });
-        let (errors, symbols): (Vec<ErrorTerm>, Vec<&str>) = of_machine.unzip();
+        let (errors, symbols): (Vec<ErrorTerm>, Vec<&str>) = of_axes.unzip();
+        let pairs = errors.iter().zip(&symbols);
+        let foreign: Vec<&str> = pairs
+            .filter(|(error, _)| chain.check(error.parameter).is_err())
+            .map(|(_, symbol)| *symbol)
+            .collect();
+        Refused::unless(
+            foreign.is_empty(),
+            format!(
+                "the estimate of {} is of another machine: this one has no {}",
+                estimate.method,
+                foreign.join(", ")
+            ),
+            "give an estimate of this machine, or the file of the machine that it is of (--machine)",
+        )?;
         let covariance = prior_covariance(estimate, &symbols).filter(|_| !errors.is_empty());
         let covariance = covariance.ok_or_else(|| {
             Refused::new(

@@ -40,7 +40,7 @@ pub use propagation::{Propagation, Uncertainty};
 pub use range::{Range, range_outputs};
 pub use source::{
     Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,
-    block_covariances,
+    block_covariances, prior_covariance,
 };
 pub use trials::{TrialPlan, propagate_by_trials};
 pub use warnings::MisfitAdvice;

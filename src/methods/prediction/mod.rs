@@ -27,6 +27,8 @@ use machine::{Axis, Position};
 /// From the tip along the tool to the point whose error gives that of the direction, mm.
 const ALONG_MM: f64 = 256.0;
 
+const EXTRAPOLATE: &str = "leave the pose out, or ask for extrapolation (--extrapolate)";
+
 /// Errors at one pose, in the table frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseError {
@@ -106,6 +108,15 @@ impl<'a> Predictor<'a> {
         Ok(self.zeroed())
     }
 
+    /// What the prediction holds, and what it does not, in words.
+    pub fn model_in_words(&self) -> String {
+        format!(
+            "by {} of the estimate of {}; all other errors of the machine count as 0, without uncertainty",
+            self.known.symbols.join(", "),
+            self.known.estimate.method
+        )
+    }
+
     /// Symbols of the errors of the axes that the estimate holds.
     pub fn symbols(&self) -> &[&'a str] {
         &self.known.symbols
@@ -134,6 +145,16 @@ impl<'a> Predictor<'a> {
     /// The axis, or that the estimate does not say what it was measured over.
     pub fn check(&self, at: &Position) -> Result<(), Refused> {
         self.check_ranges()?;
+        for (axis, value) in at.iter().filter(|(axis, _)| !self.measured.contains_key(axis)) {
+            Refused::unless(
+                value == 0.0,
+                format!(
+                    "{axis} {:.3} was not measured: the estimate has no range of {axis}",
+                    axis.to_edge(value)
+                ),
+                EXTRAPOLATE,
+            )?;
+        }
         for (axis, [least, most]) in self.measured {
             let value = axis.to_edge(at.get(*axis).unwrap_or_default());
             Refused::unless(
@@ -141,7 +162,7 @@ impl<'a> Predictor<'a> {
                 format!(
                     "{axis} {value:.3} is outside {least:.3} to {most:.3}, over which the estimate was measured"
                 ),
-                "leave the pose out, or ask for extrapolation (--extrapolate)",
+                EXTRAPOLATE,
             )?;
         }
         Ok(())

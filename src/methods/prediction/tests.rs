@@ -172,10 +172,12 @@ fn uncertainty_is_zeroed_too() {
 fn what_was_not_measured_is_refused() {
     let (machine, mut estimate) = (machine(), measured());
     let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
-    assert!(predictor.check(&position([250.0, 0.0, 0.0], [1.0, 0.0, 0.0])).is_ok());
+    assert!(predictor.check(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0)).is_ok());
     let why = predictor.check(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().why;
     assert!(why.contains("X 350.000 is outside -300.000 to 300.000"), "{why}");
     // An axis that the pose does not name stands at 0.
+    let why = predictor.check(&Position::new().with(Axis::C, 1.0)).unwrap_err().why;
+    assert!(why.contains("C 57.296 was not measured"), "{why}");
     estimate.measured.insert(Axis::Z, [300.0, 500.0]);
     let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
     let why = predictor.check(&Position::new().with(Axis::X, 1.0)).unwrap_err().why;
@@ -183,6 +185,13 @@ fn what_was_not_measured_is_refused() {
     estimate.measured.clear();
     let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
     assert!(predictor.check(&Position::new()).unwrap_err().why.contains("does not say"));
+    // Of another machine.
+    let mut other = machine.clone();
+    other.topology = other.topology.replace('B', "A");
+    let axis = other.axes.remove(&Axis::B).unwrap();
+    other.axes.insert(Axis::A, axis);
+    let why = Predictor::new(&other, &estimate, WorkZero::OnTable).err().unwrap().why;
+    assert!(why.contains("is of another machine: this one has no EA0B, EC0B"), "{why}");
     estimate.parameters.clear();
     assert!(Predictor::new(&machine, &estimate, WorkZero::OnTable).is_err());
 }
@@ -190,7 +199,12 @@ fn what_was_not_measured_is_refused() {
 /// A touch where the machine of the paper reads with its stylus at a known place of the table.
 #[test]
 fn touches_are_points_of_the_workpiece() {
-    let (plan, mut estimate) = (built_in::plan(), measured());
+    let (mut plan, mut estimate) = (built_in::plan(), measured());
+    plan.probe.lobing_um = 0.0;
+    plan.probe.stylus_offset_um = 0.0;
+    for spec in plan.machine.axes.values_mut() {
+        (spec.error_motion_um, spec.resolution_um) = (0.0, 0.0);
+    }
     let tool = Vector3::from(plan.machine.tool_mm);
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
     let place = Vector3::new(110.0, -70.0, 90.0);
@@ -221,6 +235,60 @@ fn touches_are_points_of_the_workpiece() {
     let u = point(&plan, Some(&estimate)).u_mm * 1e3;
     let expected = Vector3::new(2.0 * triple[1].cos(), 2.0 * triple[1].sin(), 0.0);
     assert!((u - expected.map(|part: f64| part.hypot(0.5))).norm() < 0.01, "{u} {expected}");
+    // 3 µm, 4 µm and 12 µm of the probe and the axes, rounding by 1 µm, and drift of 5 µm/h for an hour.
+    estimate.covariance.rows[offset][offset] = 0.0;
+    plan.probe.repeatability_um = Some(3.0);
+    plan.probe.lobing_um = 4.0;
+    plan.machine.axes.get_mut(&Axis::B).unwrap().error_motion_um = 12.0;
+    plan.machine.axes.get_mut(&Axis::X).unwrap().resolution_um = 1.0;
+    plan.machine.drift_um_per_h = 5.0;
+    let later = Reading { t_s: 3600.0, ..reading.clone() };
+    let u = WorkpieceFrame::new(&plan, Some(&estimate)).unwrap().point(&later).unwrap().u_mm * 1e3;
+    assert!((u - Vector3::repeat((169.0_f64 + 1.0 / 12.0 + 25.0).sqrt())).norm() < 1e-6, "{u}");
+}
+
+/// The stylus is that of the estimate, with its uncertainty; a stated one is as uncertain as its offset.
+#[test]
+fn points_are_seen_by_the_stylus_that_was_found() {
+    let (mut plan, mut estimate) = (built_in::plan(), measured());
+    plan.probe.lobing_um = 0.0;
+    plan.probe.repeatability_um = Some(0.0);
+    for spec in plan.machine.axes.values_mut() {
+        (spec.error_motion_um, spec.resolution_um) = (0.0, 0.0);
+    }
+    let stated = Vector3::from(plan.machine.tool_mm);
+    let tool = stated + Vector3::new(0.02, -0.01, -0.017);
+    let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
+    let (place, triple) = (Vector3::new(110.0, -70.0, 90.0), POSES[2].1);
+    let reading = Reading {
+        step: 1,
+        repeat: 0,
+        position: position(truth.axes_at(place, triple).into(), triple),
+        value_mm: None,
+        sensor: "probe".to_owned(),
+        t_s: 0.0,
+        flag: Default::default(),
+        temperatures_c: Default::default(),
+    };
+    for (k, symbol) in ["tool_x", "tool_y", "tool_z"].into_iter().enumerate() {
+        let found = serde_json::json!({"symbol": symbol, "value": tool[k], "unit": "mm", "u": 0.001, "U": 0.002,
+            "k": 2.0, "dof": null, "identifiable": true});
+        estimate.parameters.push(serde_json::from_value(found).unwrap());
+        estimate.covariance.symbols.push(symbol.to_owned());
+        estimate.covariance.rows.iter_mut().for_each(|row| row.push(0.0));
+        let mut row = vec![0.0; estimate.covariance.symbols.len()];
+        *row.last_mut().unwrap() = 1e-6;
+        estimate.covariance.rows.push(row);
+    }
+    let frame = WorkpieceFrame::new(&plan, Some(&estimate)).unwrap();
+    assert_eq!(frame.stylus_in_words(), "stylus as the estimate has it");
+    let point = frame.point(&reading).unwrap();
+    assert!((point.at_mm - place).norm() < 1e-9, "{point:?}");
+    assert!((point.u_mm - Vector3::repeat(1e-3)).norm() < 1e-6, "{point:?}");
+    // 10 µm in each coordinate, as stylus_offset_um declares.
+    plan.probe.stylus_offset_um = 10.0;
+    let stated = WorkpieceFrame::new(&plan, None).unwrap().point(&reading).unwrap();
+    assert!((stated.u_mm - Vector3::repeat(0.01)).norm() < 1e-6, "{stated:?}");
 }
 
 /// Of an offset e of C along X alone: with the work zero at C = 0 the error is 2·e·sin(C/2), largest at 180°.

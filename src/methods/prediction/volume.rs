@@ -114,7 +114,9 @@ impl Predictor<'_> {
                 2e3 * u_mean_mm
             )
         };
-        names.into_iter().zip(errors).map(line).collect()
+        // Fewer places than three always fit.
+        let shown = if poses.len() < 3 { 1 } else { 2 };
+        names.into_iter().zip(errors).take(shown).map(line).collect()
     }
 
     /// What may be left against the work zero after these errors are corrected, in words.

@@ -12,6 +12,9 @@ use super::error::{MachineFileError, Place, Problem};
 use machine::artefact::{self, Entry, Flaw};
 use machine::record::artefact::{Artefact, Balls};
 
+/// More is a unit that was mistaken.
+const MOST_CERTIFIED_U_MM: f64 = 0.1;
+
 /// What stands beside a machine file.
 #[derive(Debug, Clone, Copy)]
 pub enum Beside<'a> {
@@ -98,6 +101,12 @@ fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileEr
         let why = "holds no ball: add [[artefact.balls]], or file = \"NAME.csv\"".to_owned();
         let problem = Problem::Section { section: "artefact".to_owned(), why };
         return Err(document.error_at(&["artefact"], problem));
+    }
+    if balls.certificate_u_mm.is_some_and(|u| !(u > 0.0 && u <= MOST_CERTIFIED_U_MM)) {
+        return Err(wrong(
+            "certificate_u_mm",
+            "must be greater than 0 and at most 0.1: half of the certificate's U (k = 2), in mm",
+        ));
     }
     if balls.uncertainty_mm < 0.0 {
         return Err(wrong("uncertainty_mm", "must not be negative"));
