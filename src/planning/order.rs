@@ -1,41 +1,56 @@
 //! In which order the balls of one indexation, for a short machine time.
 //!
-//! A tour that begins where the machine stands or anywhere, and does not return. Nearest neighbour, then
-//! 2-opt and Or-opt as long as they help. Everything is decided by comparison in a fixed order: the
+//! A tour that begins where the machine stands or anywhere, and does not return. From each first place nearest
+//! neighbour, then 2-opt and Or-opt as long as they help. Everything is decided by comparison in a fixed order: the
 //! same input gives the same order.
 
 use super::time::motion_s;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
-/// Numbers of the `places` in the order in which to go through them: axis positions, X and Y count.
-/// `stands`: where the machine comes from; `None`: begin wherever is best.
-pub fn tour(places: &[Position], stands: Option<&Position>, machine: &Machine) -> Vec<usize> {
-    let way = |from: &Position, to: &Position| {
-        let over = |axis| matches!(axis, Axis::X | Axis::Y);
-        motion_s(from, &to.only(over), None, machine)
-    };
-    // The first node is where the machine stands.
-    let mut nodes: Vec<&Position> = stands.into_iter().collect();
-    nodes.extend(places);
-    let between: Vec<Vec<f64>> =
-        nodes.iter().map(|a| nodes.iter().map(|b| way(a, b)).collect()).collect();
-    match stands {
-        None => shortest(&between),
-        Some(_) => from_first(&between).into_iter().skip(1).map(|node| node - 1).collect(),
+/// How long the ways between places take, s.
+#[derive(Debug, Clone)]
+pub struct Ways {
+    /// From each place to each.
+    pub between: Vec<Vec<f64>>,
+    /// To each place from where the machine stands; `None`: begin wherever is best.
+    pub from_stand: Option<Vec<f64>>,
+}
+
+impl Ways {
+    /// Between axis positions, X and Y alone.
+    pub fn in_xy(places: &[Position], stands: Option<&Position>, machine: &Machine) -> Self {
+        let way = |from: &Position, to: &Position| {
+            let over = |axis| matches!(axis, Axis::X | Axis::Y);
+            motion_s(from, &to.only(over), None, machine)
+        };
+        let from = |from: &Position| places.iter().map(|to| way(from, to)).collect();
+        Self { between: places.iter().map(from).collect(), from_stand: stands.map(from) }
+    }
+
+    /// Numbers of the places in the order in which to go through them. From where the machine stands so many first
+    /// places are tried, the nearest first.
+    pub fn tour(&self, firsts: usize) -> Vec<usize> {
+        let between = &self.between;
+        let Some(from_stand) = &self.from_stand else {
+            let all = 0..between.len();
+            let tours = all.map(|first| improved(nearest(between, vec![first]), 0, between));
+            return shortest(tours, between);
+        };
+        // The first node is where the machine stands.
+        let mut nodes = vec![[&[0.0], &from_stand[..]].concat()];
+        nodes.extend(between.iter().map(|row| [&[0.0], &row[..]].concat()));
+        let mut order: Vec<usize> = (1..nodes.len()).collect();
+        order.sort_by(|a, b| nodes[0][*a].total_cmp(&nodes[0][*b]));
+        let begun = order.into_iter().take(firsts).map(|first| nearest(&nodes, vec![0, first]));
+        let tour = shortest(begun.map(|tour| improved(tour, 1, &nodes)), &nodes);
+        tour.into_iter().skip(1).map(|node| node - 1).collect()
     }
 }
 
-/// The best of the tours from each node.
-fn shortest(between: &[Vec<f64>]) -> Vec<usize> {
-    let tours = (0..between.len()).map(|first| improved(nearest(between, first), 0, between));
+fn shortest(tours: impl Iterator<Item = Vec<usize>>, between: &[Vec<f64>]) -> Vec<usize> {
     let better = |a: &Vec<usize>, b: &Vec<usize>| length(a, between).total_cmp(&length(b, between));
     tours.min_by(better).unwrap_or_default()
-}
-
-/// The tour that begins at the first node.
-fn from_first(between: &[Vec<f64>]) -> Vec<usize> {
-    improved(nearest(between, 0), 1, between)
 }
 
 fn cost(between: &[Vec<f64>], from: usize, to: usize) -> f64 {
@@ -46,10 +61,10 @@ fn length(tour: &[usize], between: &[Vec<f64>]) -> f64 {
     tour.iter().zip(tour.iter().skip(1)).map(|(from, to)| cost(between, *from, *to)).sum()
 }
 
-fn nearest(between: &[Vec<f64>], first: usize) -> Vec<usize> {
-    let mut left: Vec<usize> = (0..between.len()).filter(|node| *node != first).collect();
-    let mut tour = vec![first];
-    let mut here = first;
+/// The tour goes on to the nearest node that is left.
+fn nearest(between: &[Vec<f64>], mut tour: Vec<usize>) -> Vec<usize> {
+    let mut left: Vec<usize> = (0..between.len()).filter(|node| !tour.contains(node)).collect();
+    let mut here = tour.last().copied().unwrap_or_default();
     while !left.is_empty() {
         let nearer = |a: &(usize, &usize), b: &(usize, &usize)| {
             cost(between, here, *a.1).total_cmp(&cost(between, here, *b.1))

@@ -1,131 +1,99 @@
 //! The order in which the balls of the dome are measured against a long search: simulated annealing within the balls of
-//! each indexation, with the way from one indexation to the next. Its times are reckoned from the machine file.
+//! each indexation, by the times of the ways as they are planned, with all their heights.
 
-use machine::Axis;
-use machine::record::machine::Machine;
-use machine::record::plan::Plan;
+use machine::Position;
+use machine::record::motion::{Block, Motion};
+use machine::record::plan::{Plan, Stage, Step};
+use planning::{Clearance, Confirmed, MachineTime, Start, end_of, step_blocks};
 use rand::{Rng, RngExt};
+use rayon::prelude::*;
 use trued::setup::{self, MachineFile};
 
 use estimation::random::stream;
 use testing::population::is_full;
 
-/// Centre of a ball in X and Y, mm.
-type Place = [f64; 2];
+/// Seconds from the end of one ball to the first touch of another, for the balls of a stage in their order.
+type Ways = Vec<Vec<f64>>;
 
-/// Of each indexation the balls in the order of the plan, by the touches at their poles.
-fn visits(plan: &Plan) -> Vec<Vec<Place>> {
-    let mut visits: Vec<(String, Vec<Place>)> = Vec::new();
-    let poles = plan.steps.iter().filter(|step| step.label.ends_with("/pole"));
-    for step in poles.filter(|step| step.label.starts_with("slow/")) {
-        let visit = step.label.split('/').nth(1).unwrap();
-        if visits.last().is_none_or(|(last, _)| last != visit) {
-            visits.push((visit.to_owned(), Vec::new()));
-        }
-        let place = [Axis::X, Axis::Y].map(|axis| step.to.at(axis));
-        visits.last_mut().unwrap().1.push(place);
-    }
-    visits.into_iter().map(|(_, places)| places).collect()
+/// Time of the way to a touch, and where the machine stands after it.
+fn way_to(plan: &Plan, from: &Position, step: &Step, clearance: &Clearance) -> (f64, Position) {
+    let start = Start { stands: Some(from), confirmed: Confirmed::all() };
+    let blocks = step_blocks(plan, step, 0, start, clearance).unwrap();
+    let ends = end_of(blocks.iter().flat_map(|block| &block.motions), from);
+    // A first position takes no time.
+    let here = Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: from.clone() }] };
+    let all: Vec<Block> = std::iter::once(here).chain(blocks).collect();
+    (MachineTime::of(&all, &plan.machine).way_s, ends)
 }
 
-/// From rest to rest, s: both axes within their speed and acceleration.
-fn way_s(machine: &Machine, from: Place, to: Place) -> f64 {
-    let of_axis = |(k, axis): (usize, Axis)| {
-        let (way, spec) = ((to[k] - from[k]).abs(), &machine.axes[&axis]);
-        let (speed, acceleration) = (spec.rapid_per_min / 60.0, spec.acceleration_per_s2);
-        match way > speed * speed / acceleration {
-            true => way / speed + speed / acceleration,
-            false => 2.0 * (way / acceleration).sqrt(),
-        }
+/// Of a stage in the planned order, the first row from where the machine comes. `stands`: that place, then where it goes to.
+fn ways(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> Ways {
+    let clearance = Clearance::known(plan, stage.found.as_ref()).unwrap();
+    let steps = stage.steps.iter().map(|id| plan.steps.iter().find(|step| step.id == *id).unwrap());
+    let steps: Vec<&Step> = steps.collect();
+    let name = |step: &Step| step.label.split('/').nth(2).unwrap().to_owned();
+    let balls: Vec<&[&Step]> = steps.chunk_by(|a, b| name(a) == name(b)).collect();
+    let end = |ball: &&[&Step]| {
+        let last = ball.last().unwrap();
+        way_to(plan, &last.from, last, &clearance).1
     };
-    [Axis::X, Axis::Y].into_iter().enumerate().map(of_axis).fold(0.0, f64::max)
+    let ends: Vec<Position> = balls.iter().map(end).collect();
+    let row = |from: &Position| -> Vec<f64> {
+        balls.iter().map(|ball| way_to(plan, from, ball[0], &clearance).0).collect()
+    };
+    let first = stands.as_ref().map_or(vec![0.0; balls.len()], row);
+    *stands = ends.last().cloned();
+    std::iter::once(first).chain(ends.par_iter().map(row).collect::<Vec<_>>()).collect()
 }
 
-/// Places of all indexations, one after the other, with the bounds of each.
-struct Tour {
-    order: Vec<usize>,
-    bounds: Vec<[usize; 2]>,
-    between: Vec<Vec<f64>>,
+/// From the first row on.
+fn time_s(order: &[usize], ways: &Ways) -> f64 {
+    let pairs = order.windows(2).map(|pair| ways[pair[0] + 1][pair[1]]);
+    ways[0][order[0]] + pairs.sum::<f64>()
 }
 
-impl Tour {
-    fn new(machine: &Machine, visits: &[Vec<Place>]) -> Self {
-        let all: Vec<Place> = visits.concat();
-        let mut bounds: Vec<[usize; 2]> = Vec::new();
-        for visit in visits {
-            let first = bounds.last().map_or(0, |[_, end]| *end);
-            bounds.push([first, first + visit.len()]);
+/// The best time that turning pieces round and putting pieces elsewhere finds from the planned order on.
+fn annealed_s(ways: &Ways, random: &mut impl Rng, tries: u64) -> f64 {
+    let mut order: Vec<usize> = (0..ways[0].len()).collect();
+    let (mut time, mut best) = (time_s(&order, ways), time_s(&order, ways));
+    for number in 0..tries {
+        let heat_s = 0.3 * (1.0 - number as f64 / tries as f64).powi(3);
+        let mut ends = [0; 2].map(|_| random.random_range(0..order.len()));
+        ends.sort_unstable();
+        let mut other = order.clone();
+        if random.random::<bool>() {
+            other[ends[0]..=ends[1]].reverse();
+        } else {
+            let piece: Vec<usize> = other.drain(ends[0]..=ends[1]).collect();
+            let at = random.random_range(0..=other.len());
+            other.splice(at..at, piece);
         }
-        let from = |a: &Place| all.iter().map(|b| way_s(machine, *a, *b)).collect();
-        Self { order: (0..all.len()).collect(), bounds, between: all.iter().map(from).collect() }
-    }
-
-    fn step_s(&self, at: usize) -> f64 {
-        let next = self.order.get(at + 1);
-        next.map_or(0.0, |next| self.between[self.order[at]][*next])
-    }
-
-    fn time_s(&self) -> f64 {
-        (0..self.order.len()).map(|at| self.step_s(at)).sum()
-    }
-
-    /// Change of the time by turning a piece round: only its ends change.
-    fn turned_s(&self, [from, to]: [usize; 2]) -> f64 {
-        let cost = |a: Option<usize>, b: Option<usize>| match (a, b) {
-            (Some(a), Some(b)) => self.between[self.order[a]][self.order[b]],
-            _ => 0.0,
-        };
-        let (before, after) =
-            (from.checked_sub(1), Some(to + 1).filter(|at| *at < self.order.len()));
-        cost(before, Some(to)) + cost(Some(from), after)
-            - cost(before, Some(from))
-            - cost(Some(to), after)
-    }
-
-    /// The best time that turning pieces round and moving single balls finds from here on.
-    fn anneal(&mut self, random: &mut impl Rng, tries: u64) -> f64 {
-        let (mut time, mut best) = (self.time_s(), self.time_s());
-        for number in 0..tries {
-            let heat_s = 0.1 * (1.0 - number as f64 / tries as f64).powi(3);
-            let [first, end] = self.bounds[random.random_range(0..self.bounds.len())];
-            let mut ends = [0; 2].map(|_| random.random_range(first..end));
-            ends.sort_unstable();
-            let moves = random.random::<bool>();
-            // Turning a piece and then all of it but one end moves that end to the other side.
-            let pieces = [
-                ends,
-                if moves { [ends[0], ends[1].saturating_sub(1).max(ends[0])] } else { ends },
-            ];
-            let mut change = 0.0;
-            for piece in &pieces[..1 + usize::from(moves)] {
-                change += self.turned_s(*piece);
-                self.order[piece[0]..=piece[1]].reverse();
-            }
-            if change < 0.0 || random.random::<f64>() < (-change / heat_s).exp() {
-                time += change;
-                best = best.min(time);
-            } else {
-                for piece in pieces[..1 + usize::from(moves)].iter().rev() {
-                    self.order[piece[0]..=piece[1]].reverse();
-                }
-            }
+        let change = time_s(&other, ways) - time;
+        if change < 0.0 || random.random::<f64>() < (-change / heat_s).exp() {
+            (order, time) = (other, time + change);
+            best = best.min(time);
         }
-        assert!((time - self.time_s()).abs() < 1e-6 * time);
-        best
     }
+    best
 }
 
 #[test]
 fn no_long_search_finds_a_way_shorter_by_a_twentieth() {
     let file = MachineFile::embedded_for("ball-dome").unwrap();
     let (method, header) = setup::header(&file, "ball-dome", None).unwrap();
-    let (plan, _) = methods::nominal(method.as_ref(), header).unwrap();
-    let visits = visits(&plan);
-    assert_eq!(visits.len(), 24);
-    let mut tour = Tour::new(&file.machine, &visits);
-    let planned = tour.time_s();
-    let tries = if is_full() { 1_000_000_000 } else { 4_000_000 };
-    let best = tour.anneal(&mut stream(1, &[0x746f_7572]), tries);
-    println!("planned {planned:.2} s, found in {tries} tries {best:.2} s");
+    let (plan, stages) = methods::nominal(method.as_ref(), header).unwrap();
+    let slow = stages.iter().filter(|stage| stage.name.starts_with("measure"));
+    let mut stands = None;
+    let all: Vec<Ways> = slow.map(|stage| ways(&plan, stage, &mut stands)).collect();
+    assert_eq!(all.len(), 24);
+    let tries = if is_full() { 20_000_000 } else { 50_000 };
+    let of_stage = |(number, ways): (usize, &Ways)| {
+        let order: Vec<usize> = (0..ways[0].len()).collect();
+        let random = &mut stream(1, &[0x746f_7572, number as u64]);
+        [time_s(&order, ways), annealed_s(ways, random, tries)]
+    };
+    let times: Vec<[f64; 2]> = all.par_iter().enumerate().map(of_stage).collect();
+    let [planned, best] = [0, 1].map(|k| times.iter().map(|times| times[k]).sum::<f64>());
+    println!("planned {planned:.1} s, found in {tries} tries an indexation {best:.1} s");
     assert!(planned < 1.05 * best, "{planned} {best}");
 }

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use super::settings::Settings;
 use crate::Refused;
 use crate::ball_measurement::{
-    MeasurementSetup, Visit, balls, balls_in_order, in_order, indexations,
+    Find, MeasurementSetup, Visit, balls, balls_by_planned_ways, balls_in_order, in_order,
+    indexations,
 };
 use machine::kinematics::Chain;
 use machine::record::plan::Plan;
@@ -63,5 +64,10 @@ pub fn visits(setup: &MeasurementSetup<'_>, settings: &Settings) -> Result<Vec<V
             "add positions to tilt_deg or turn_deg, or take the ball out of [artefact]",
         ));
     }
-    balls_in_order(setup, &access, in_order(&setup.plan.machine, visits))
+    let visits = in_order(&setup.plan.machine, visits);
+    match setup.touch.find {
+        Find::Once => balls_by_planned_ways(setup, &access, visits),
+        // There and back: the way in X and Y counts twice.
+        Find::Every => balls_in_order(setup, &access, visits),
+    }
 }

@@ -27,7 +27,7 @@ pub use indexations::{
 pub use label::{Label, Pass};
 pub use made_visits::MadeVisits;
 pub use observe::{BallCentre, Observed, observe, stated_balls};
-pub use order::{balls_in_order, in_order};
+pub use order::{balls_by_planned_ways, balls_in_order, in_order};
 pub use rotary::rotary_source;
 pub use setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
 pub use sources::touch_sources;

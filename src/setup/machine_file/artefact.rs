@@ -15,6 +15,9 @@ use machine::record::artefact::{Artefact, Balls};
 /// More is a unit that was mistaken.
 const MOST_CERTIFIED_U_MM: f64 = 0.1;
 
+/// Where the coordinates of balls begin in the table frame, and how far they are turned about its Z.
+const PLACEMENT: [&str; 2] = ["origin_mm", "turned_deg"];
+
 /// What stands beside a machine file.
 #[derive(Debug, Clone, Copy)]
 pub enum Beside<'a> {
@@ -64,7 +67,8 @@ fn fields<T: DeserializeOwned>(document: &Document, less: &[&str]) -> Result<T, 
 }
 
 fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileError> {
-    let mut balls: Balls = fields(document, &[&["kind", "file"], &Common::KEYS[..]].concat())?;
+    let mut balls: Balls =
+        fields(document, &[&["kind", "file"], &PLACEMENT[..], &Common::KEYS[..]].concat())?;
     let wrong = |key: &str, why: &str| {
         let path = ["artefact", key];
         document.error_at(&path, value_problem(&path, why.to_owned()))
@@ -111,8 +115,24 @@ fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileEr
     if balls.uncertainty_mm < 0.0 {
         return Err(wrong("uncertainty_mm", "must not be negative"));
     }
+    let origin_mm = key(document, PLACEMENT[0])?.unwrap_or_default();
+    place(&mut balls, origin_mm, key(document, PLACEMENT[1])?.unwrap_or_default());
     artefact::check(&balls).map_err(|flaw| placed(document, table.as_ref(), flaw))?;
     Ok(balls)
+}
+
+/// From the artefact's own coordinates into the table frame.
+fn place(balls: &mut Balls, origin_mm: [f64; 3], turned_deg: f64) {
+    let (sin, cos) = turned_deg.to_radians().sin_cos();
+    let turned = |[x, y, z]: [f64; 3]| match turned_deg == 0.0 {
+        true => [x, y, z],
+        false => [cos * x - sin * y, sin * x + cos * y, z],
+    };
+    for ball in &mut balls.balls {
+        let centre = turned(ball.centre_mm);
+        ball.centre_mm = std::array::from_fn(|k| origin_mm[k] + centre[k]);
+        ball.stem = turned(ball.stem);
+    }
 }
 
 fn key<T: DeserializeOwned>(

@@ -302,3 +302,31 @@ fn a_round_part_has_no_file() {
     let message = MachineFile::parse("shop.toml", text).unwrap_err().to_string();
     assert!(message.contains("unknown key `file` in [artefact]"), "{message}");
 }
+
+/// By hand: a quarter turn takes (x, y) to (−y, x).
+#[test]
+fn balls_stand_where_the_artefact_was_put() {
+    let at = "kind = \"balls\"\n";
+    let (placed, _) =
+        edited(at, "kind = \"balls\"\norigin_mm = [1.0, 2.0, 60.0]\nturned_deg = 90.0\n");
+    let (stated, placed) = (MachineFile::embedded_for("samba").unwrap(), placed.unwrap());
+    for (stated, placed) in balls(&stated).balls.iter().zip(&balls(&placed).balls) {
+        let [x, y, z] = stated.centre_mm;
+        let expected = [1.0 - y, 2.0 + x, 60.0 + z];
+        let apart = |k: usize| (placed.centre_mm[k] - expected[k]).abs();
+        assert!((0..3).all(|k| apart(k) < 1e-9), "{:?} {expected:?}", placed.centre_mm);
+        let [x, y, z] = stated.stem;
+        let apart = |k: usize| (placed.stem[k] - [-y, x, z][k]).abs();
+        assert!((0..3).all(|k| apart(k) < 1e-9), "{:?}", placed.stem);
+    }
+    refused(at, "kind = \"balls\"\norigin_mm = [1.0]\n", 1, "`origin_mm` in [artefact]");
+}
+
+#[test]
+fn a_certificate_of_no_or_of_any_uncertainty_is_none() {
+    let at = "kind = \"balls\"\n";
+    for value in ["-1.0", "0.0", "2.65", "nan"] {
+        let key = format!("kind = \"balls\"\ncertificate_u_mm = {value}\n");
+        refused(at, &key, 1, "`certificate_u_mm` in [artefact]");
+    }
+}
