@@ -10,7 +10,7 @@ use methods::prediction::{Predictor, Slice, WorkZero};
 pub fn volume(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
     let predictor = Predictor::new(machine, estimate, WorkZero::OnTable).ok()?;
     let poses = predictor.volume().ok()?;
-    let errors = predictor.volume_errors(&poses);
+    let errors = predictor.volume_errors(&poses, &predictor.tips(&poses));
     let slices = predictor.slices(poses.get(errors[0].worst)?).ok()?;
     let mut lines = vec![format!(
         "{}; over the ranges of the axes that were measured, with tool-centre control, the work zero set with the tip \
@@ -36,7 +36,10 @@ fn map(slice: Slice) -> ErrorMap {
         up: named(slice.up),
         panels: [
             ("error of the tip, µm".to_owned(), in_um(slice.error_mm, 1e3)),
-            ("left after a correction, U (k = 2), µm".to_owned(), in_um(slice.u_mm, 2e3)),
+            (
+                "remaining error after a correction, U (k = 2), µm".to_owned(),
+                in_um(slice.u_mm, 2e3),
+            ),
         ],
     }
 }

@@ -142,7 +142,7 @@ fn describe(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
     let percent = |seconds: f64| 100.0 * seconds / time.total_s().max(f64::MIN_POSITIVE);
     say!("machine time about {:.0} min {:.0} s", (seconds / 60.0).floor(), seconds % 60.0);
     say!(
-        "of it touches {:.0} %, ways of X, Y, Z {:.0} %, rotary axes {:.0} %, rests {:.0} %",
+        "of it touches {:.0} %, ways of X, Y, Z {:.0} %, rotary axes {:.0} %, dwells {:.0} %",
         percent(time.touch_s),
         percent(time.way_s),
         percent(time.rotary_s),

@@ -36,20 +36,22 @@ pub fn predict(args: &PredictArgs) -> Result<Exit, Failure> {
             |why: methods::Refused| Failure::new(format!("--zero: {}", why.why), why.instead);
         predictor.check(zero).map_err(refused)?;
     }
-    let poses = match &args.at {
+    let (axes, poses) = match &args.at {
         Some(file) => {
             let (axes, poses) = read_poses(file, &machine)?;
             if !args.extrapolate {
                 check(&predictor, file, &poses)?;
             }
-            let poses: Vec<Position> = poses.into_iter().map(|(at, _)| at).collect();
-            print(&axes, &poses, &predictor.at_all(&poses));
-            poses
+            (axes, poses.into_iter().map(|(at, _)| at).collect())
         }
-        None => predictor.volume()?,
+        None => (Vec::new(), predictor.volume()?),
     };
+    let tips = predictor.tips(&poses);
+    if !axes.is_empty() {
+        print(&axes, &poses, &predictor.with_directions(&poses, &tips));
+    }
     tell!("{}", predictor.model_in_words());
-    for line in Predictor::in_words(predictor.volume_errors(&poses), &poses) {
+    for line in Predictor::in_words(predictor.volume_errors(&poses, &tips), &poses) {
         tell!("{line}");
     }
     if let Some(corrected) = &args.corrected {

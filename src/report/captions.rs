@@ -28,7 +28,13 @@ fn caption(function: &Function, k: f64) -> String {
     let stated = function.u.iter().any(|u| *u > 0.0);
     match function.figure {
         FigureKind::Histogram => {
-            format!("{} values, and the normal distribution that scatters so", function.y.len())
+            let count = function.y.len();
+            match function.y.iter().all(|value| *value >= 0.0) {
+                true => format!("{count} values"),
+                false => {
+                    format!("{count} values, and the normal distribution of their mean and scatter")
+                }
+            }
         }
         FigureKind::Points | FigureKind::Curve if !stated => format!("over {}", function.argument),
         FigureKind::Spectrum if !stated => "over harmonic order".to_owned(),

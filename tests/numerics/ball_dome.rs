@@ -148,6 +148,33 @@ fn a_dome_that_gives_way_is_noticed() {
     assert!(is_contradicted(&estimate), "{:#?}", estimate.warnings);
 }
 
+/// Machine time of the plan, minutes.
+fn planned_min(file: &MachineFile) -> f64 {
+    let (method, header) = setup::header(file, "ball-dome", None).unwrap();
+    let (plan, stages) = methods::nominal(method.as_ref(), header).unwrap();
+    planning::staged_blocks(&plan, &stages).unwrap().1 / 60.0
+}
+
+/// A ball that is searched for once is measured in three quarters of the time of one that is searched for at every
+/// indexation, and the result is as certain.
+#[test]
+fn one_search_saves_a_quarter_of_the_time_and_no_certainty() {
+    if !is_full() {
+        return;
+    }
+    let found = ["once", "every"].map(|find| {
+        let changes: Changes = vec![("method.ball-dome.find", Value::String(find.to_owned()))];
+        let dome = machine(DOME, 1, &changes);
+        let samba = estimate("samba", &machine(SAMBA, 1, &[]), Vec::new());
+        let estimate = estimate("ball-dome", &dome, vec![samba]);
+        let u = estimate.parameters.iter().find(|p| p.symbol == "S3_mean").unwrap().u;
+        (planned_min(&dome), u)
+    });
+    println!("minutes and u of S3_mean: {found:?}");
+    let [(once_min, u_once), (every_min, u_every)] = found;
+    assert!(once_min < 0.75 * every_min && (u_once / u_every - 1.0).abs() < 0.1);
+}
+
 fn watched(drift_um_per_h: f64) -> Result<Vec<Reading>, Refused> {
     let few = |degrees: &[f64]| Value::Array(degrees.iter().copied().map(Value::Float).collect());
     let changes: Changes = vec![

@@ -34,16 +34,16 @@ pub fn next(
     source: Source<'_>,
 ) -> Result<Next, Refused> {
     let id = done.last().map_or(0, |stage| stage.id + 1);
-    let (known, goes_on) = match source {
+    let (known, one_more) = match source {
         Source::Nominal => (Known::nominal(setup), false),
         Source::Measured(readings) => {
             if let Some(stage) = once_more(setup, done, readings, id)? {
                 return Ok(Next::Stage { stage, new_steps: Vec::new() });
             }
-            (Known::of(setup, readings), watch::goes_on(setup, readings)?)
+            (Known::of(setup, readings), watch::needs_a_round(setup, readings)?)
         }
     };
-    let tasks = tasks(setup, visits, rounds_of_watch(setup) + usize::from(goes_on));
+    let tasks = tasks(setup, visits, rounds_of_watch(setup) + usize::from(one_more));
     let passed = done.iter().filter(|stage| stage.repeat == 0).count();
     let Some(task) = tasks.get(passed) else { return Ok(Next::Done) };
     let (stage, new_steps) = stage(setup, visits, task, &known, id)?;

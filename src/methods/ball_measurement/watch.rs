@@ -29,7 +29,7 @@ struct Creep {
 ///
 /// # Errors
 /// It creeps after several times that duration, and nobody has looked since.
-pub fn goes_on(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, Refused> {
+pub fn needs_a_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, Refused> {
     let watch_s = setup.touch.watch_s;
     // It is over when the measurement has begun, also for a run that is resumed.
     if watch_s <= 0.0 || has_begun(setup) {

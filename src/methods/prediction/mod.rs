@@ -40,6 +40,13 @@ pub struct PoseError {
     pub u_direction: Vector3<f64>,
 }
 
+/// Error of the tip against the work zero in the table frame, mm, and its derivatives by the errors of the axes.
+#[derive(Debug, Clone)]
+pub struct TipError {
+    mm: Vector3<f64>,
+    columns: Vec<Vector3<f64>>,
+}
+
 /// Where the work zero is set: there the tip has no error by definition.
 #[derive(Debug, Clone, PartialEq)]
 pub enum WorkZero {
@@ -177,32 +184,42 @@ impl<'a> Predictor<'a> {
     }
 
     pub fn at(&self, at: &Position) -> PoseError {
-        let (tip, columns) = self.of_point(at, self.tip);
-        let (zero, zero_columns) = self.zero(at);
+        self.with_direction(at, &self.tip_at(at))
+    }
+
+    fn with_direction(&self, at: &Position, tip: &TipError) -> PoseError {
         let above = Point::from_vec(self.tip.mm + Vector3::z() * ALONG_MM);
-        let (above, above_columns) = self.of_point(at, above);
-        let zeroed = less(&columns, &zero_columns);
-        let turned: Vec<Vector3<f64>> = above_columns
+        let (above, columns) = self.of_point(at, above);
+        // Nothing is zeroed in a direction.
+        let (zero, zero_columns) = self.zero(at);
+        let own = tip.columns.iter().zip(&zero_columns);
+        let turned: Vec<Vector3<f64>> = columns
             .iter()
-            .zip(&columns)
-            .map(|(above, tip)| (above - tip) / ALONG_MM)
+            .zip(own)
+            .map(|(above, (tip, zero))| (above - tip - zero) / ALONG_MM)
             .collect();
         PoseError {
-            tip_mm: tip - zero,
-            u_tip_mm: uncertainty(&zeroed, &self.known.covariance),
-            direction: (above - tip) / ALONG_MM,
+            tip_mm: tip.mm,
+            u_tip_mm: uncertainty(&tip.columns, &self.known.covariance),
+            direction: (above - tip.mm - zero) / ALONG_MM,
             u_direction: uncertainty(&turned, &self.known.covariance),
         }
     }
 
-    /// Derivatives of the tip's error by the errors of the axes.
-    fn zeroed_columns(&self, at: &Position) -> Vec<Vector3<f64>> {
-        less(&self.of_point(at, self.tip).1, &self.zero(at).1)
+    fn tip_at(&self, at: &Position) -> TipError {
+        let (tip, columns) = self.of_point(at, self.tip);
+        let (zero, zero_columns) = self.zero(at);
+        TipError { mm: tip - zero, columns: less(&columns, &zero_columns) }
     }
 
-    /// One error a pose, on all cores.
-    pub fn at_all(&self, poses: &[Position]) -> Vec<PoseError> {
-        poses.par_iter().map(|at| self.at(at)).collect()
+    /// One tip a pose, on all cores.
+    pub fn tips(&self, poses: &[Position]) -> Vec<TipError> {
+        poses.par_iter().map(|at| self.tip_at(at)).collect()
+    }
+
+    /// One error a pose, of its tip.
+    pub fn with_directions(&self, poses: &[Position], tips: &[TipError]) -> Vec<PoseError> {
+        poses.par_iter().zip(tips).map(|(at, tip)| self.with_direction(at, tip)).collect()
     }
 }
 

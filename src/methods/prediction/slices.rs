@@ -21,8 +21,9 @@ pub struct Slice {
 }
 
 impl Predictor<'_> {
-    /// X and Y at the lowest, the middle and the highest Z, with the rotary axes as in `at`; and two rotary axes with X, Y
-    /// and Z in their middle. Of axes that the estimate was measured over; what it lacks is left out.
+    /// X and Y in the middle of Z with the rotary axes at 0 or next to it, and at the lowest, the middle and the highest Z
+    /// with the rotary axes as in `at`; two rotary axes with X, Y and Z in their middle. Of axes that the estimate was
+    /// measured over; what it lacks is left out.
     ///
     /// # Errors
     /// The estimate does not say what it was measured over.
@@ -39,6 +40,12 @@ impl Predictor<'_> {
                 Some(z) => vec![z[0], middle(z), z[1]],
                 None => vec![others.at(Axis::Z)],
             };
+            let zero = |(axis, [least, most]): (&Axis, &[f64; 2])| {
+                (*axis, axis.from_edge(0.0_f64.clamp(*least, *most)))
+            };
+            let rotary = self.measured.iter().filter(|(axis, _)| !axis.is_linear());
+            let at_zero: Position = rotary.map(zero).collect();
+            slices.push(self.slice((Axis::X, x), (Axis::Y, y), others.updated_by(&at_zero)));
             for z in levels {
                 slices.push(self.slice(
                     (Axis::X, x),
@@ -69,7 +76,8 @@ impl Predictor<'_> {
         };
         let poses: Vec<Position> =
             rows.iter().flat_map(|y| columns.iter().map(|x| pose(*y, *x))).collect();
-        let errors = self.at_all(&poses);
+        let tips = self.tips(&poses);
+        let errors = self.with_directions(&poses, &tips);
         let by_row = |of: fn(&super::PoseError) -> f64| -> Vec<Vec<f64>> {
             errors.chunks(columns.len()).map(|row| row.iter().map(of).collect()).collect()
         };

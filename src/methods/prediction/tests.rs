@@ -99,8 +99,11 @@ fn a_correction_leaves_the_uncertainty() {
     let half_turn = position([30.0, 20.0, 400.0], [0.0, std::f64::consts::PI, 0.0]);
     let corrected = new().corrected(&symbols).unwrap();
     assert!(corrected.at(&half_turn).tip_mm.norm() < 1e-12);
-    let [error, _] = corrected.volume_errors(std::slice::from_ref(&half_turn));
-    assert!((error.most_largest_mm * 1e3 - 8.0).abs() < 1.2, "{error:?}");
+    let [error, _] = corrected.volume_errors(
+        std::slice::from_ref(&half_turn),
+        &corrected.tips(std::slice::from_ref(&half_turn)),
+    );
+    assert!((error.largest_95_mm * 1e3 - 8.0).abs() < 1.2, "{error:?}");
     let rest = new().corrected(&["EX0C"]).unwrap().at(&half_turn).tip_mm;
     let mut without = paper_errors();
     without.iter_mut().filter(|(symbol, _)| symbol == "EX0C").for_each(|(_, value)| *value = 0.0);
@@ -128,14 +131,16 @@ fn slices_are_made_of_poses() {
     let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
     let tilted = position([0.0; 3], [0.5, 1.0, 0.0]);
     let slices = predictor.slices(&tilted).unwrap();
-    assert_eq!(slices.len(), 4);
+    assert_eq!(slices.len(), 5);
+    let at = predictor.at(&position([300.0, -100.0, 400.0], [0.0; 3]));
+    assert!((slices[0].error_mm[0][6] - at.tip_mm.norm()).abs() < 1e-12);
     let at = predictor.at(&position([300.0, -100.0, 500.0], [0.5, 1.0, 0.0]));
-    let (error, u) = (slices[2].error_mm[0][6], slices[2].u_mm[0][6]);
+    let (error, u) = (slices[3].error_mm[0][6], slices[3].u_mm[0][6]);
     assert_eq!((error, u), (at.tip_mm.norm(), at.u_tip_mm.norm()));
     let at = predictor
         .at(&position([0.0, 0.0, 400.0], [-90_f64.to_radians(), std::f64::consts::TAU, 0.0]));
-    assert!((slices[3].error_mm[0][6] - at.tip_mm.norm()).abs() < 1e-12);
-    assert_eq!((slices[3].across.0, slices[3].up.0), (Axis::C, Axis::B));
+    assert!((slices[4].error_mm[0][6] - at.tip_mm.norm()).abs() < 1e-12);
+    assert_eq!((slices[4].across.0, slices[4].up.0), (Axis::C, Axis::B));
     estimate.measured.clear();
     assert!(
         Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap().slices(&tilted).is_err()
@@ -302,7 +307,7 @@ fn the_volume_has_a_largest_and_a_mean_error() {
     let predictor = Predictor::new(&machine(), &estimate, WorkZero::OnTable).unwrap();
     let poses = predictor.volume().unwrap();
     assert_eq!(poses.len(), 12);
-    let [zeroed, fitted] = predictor.volume_errors(&poses);
+    let [zeroed, fitted] = predictor.volume_errors(&poses, &predictor.tips(&poses));
     assert_eq!(poses[zeroed.worst].at(Axis::C).to_degrees().round(), 180.0);
     let near = |value: f64, expected: f64, within: f64| {
         assert!((value - expected).abs() < within, "{value} {expected}");

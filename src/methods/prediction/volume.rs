@@ -6,17 +6,18 @@ use estimation::rigid::RigidFit;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::Predictor;
+use super::{Predictor, TipError};
 use crate::Refused;
 use machine::{Axis, Position};
 
 /// Positions of a linear axis over its range, and the largest step of a rotary one, degrees.
 const LINEAR_POSITIONS: usize = 5;
 const ROTARY_STEP_DEG: f64 = 30.0;
-/// Draws of the errors: u to about 5 %.
-const TRIALS: usize = 200;
+/// Draws of the errors, as many as a second has for so many poses: u to 2 to 7 %.
+const TRIALS: [usize; 2] = [100, 1000];
+const POSES_OF_ALL_TRIALS: usize = 4_000_000;
 /// Coverage probability of k = 2.
-const LIKELY: f64 = 0.9545;
+const COVERAGE: f64 = 0.9545;
 const SEED: u64 = 0x766f_6c75;
 
 /// Over a set of poses, mm.
@@ -26,9 +27,9 @@ pub struct VolumeError {
     pub u_largest_mm: f64,
     pub mean_mm: f64,
     pub u_mean_mm: f64,
-    /// Below these with the probability of [`LIKELY`], mm: what an error may be that was found to be 0.
-    pub most_largest_mm: f64,
-    pub most_mean_mm: f64,
+    /// Below these with the probability of [`COVERAGE`], mm: what an error may be that was found to be 0.
+    pub largest_95_mm: f64,
+    pub mean_95_mm: f64,
     /// Index of the pose of the largest error.
     pub worst: usize,
 }
@@ -58,29 +59,27 @@ impl Predictor<'_> {
     }
 
     /// Against the work zero, and after a best fit of the workpiece; u from draws of the estimate's errors.
-    pub fn volume_errors(&self, poses: &[Position]) -> [VolumeError; 2] {
-        let errors = self.at_all(poses);
-        let zeroed: Vec<Vector3<f64>> = errors.iter().map(|error| error.tip_mm).collect();
-        let columns: Vec<Vec<Vector3<f64>>> =
-            poses.par_iter().map(|at| self.zeroed_columns(at)).collect();
-        let fit = self.best_fit(poses, &errors);
+    pub fn volume_errors(&self, poses: &[Position], tips: &[TipError]) -> [VolumeError; 2] {
+        let zeroed: Vec<Vector3<f64>> = tips.iter().map(|tip| tip.mm).collect();
+        let fit = self.best_fit(poses, &zeroed);
         let root = lower_root(&self.known.covariance);
         let count = root.ncols();
-        let units = Random::of(SEED, &[]).units(TRIALS, &vec![Shape::Normal; count]);
+        let trials = (POSES_OF_ALL_TRIALS / poses.len().max(1)).clamp(TRIALS[0], TRIALS[1]);
+        let units = Random::of(SEED, &[]).units(trials, &vec![Shape::Normal; count]);
         let changed = |trial: usize| {
-            let unit = |draw: usize| units[draw * TRIALS + trial];
+            let unit = |draw: usize| units[draw * trials + trial];
             let change =
                 |j: usize| (0..count).map(|draw| root[(j, draw)] * unit(draw)).sum::<f64>();
             let errors: Vec<f64> = (0..root.nrows()).map(change).collect();
-            let moved = columns.iter().map(|columns| {
-                columns.iter().zip(&errors).map(|(column, error)| column * *error).sum()
+            let moved = tips.iter().map(|tip| {
+                tip.columns.iter().zip(&errors).map(|(column, error)| column * *error).sum()
             });
             let mut moved: Vec<Vector3<f64>> = moved.collect();
             let against_zero = sizes(&zeroed, &moved);
             fit.without_rigid(&mut moved);
             [against_zero, sizes(&fit.deviations, &moved)]
         };
-        let trials: Vec<[[f64; 2]; 2]> = (0..TRIALS).into_par_iter().map(changed).collect();
+        let trials: Vec<[[f64; 2]; 2]> = (0..trials).into_par_iter().map(changed).collect();
         [(0, &zeroed), (1, &fit.deviations)].map(|(k, deviations)| {
             let still = vec![Vector3::zeros(); deviations.len()];
             let [largest_mm, mean_mm] = sizes(deviations, &still);
@@ -93,8 +92,8 @@ impl Predictor<'_> {
                 u_largest_mm: u(0),
                 mean_mm,
                 u_mean_mm: u(1),
-                most_largest_mm: likely(of_trials(0)),
-                most_mean_mm: likely(of_trials(1)),
+                largest_95_mm: covering(of_trials(0)),
+                mean_95_mm: covering(of_trials(1)),
                 worst: worst.unwrap_or_default(),
             }
         })
@@ -125,20 +124,21 @@ impl Predictor<'_> {
     /// A symbol that is no error of the estimate.
     pub fn left_in_words(self, symbols: &[&str], poses: &[Position]) -> Result<String, Refused> {
         let names = symbols.join(", ");
-        let [error, _] = self.corrected(symbols)?.volume_errors(poses);
+        let corrected = self.corrected(symbols)?;
+        let [error, _] = corrected.volume_errors(poses, &corrected.tips(poses));
         Ok(format!(
             "after a correction of {names}: largest below {:.1} µm, mean below {:.1} µm (95.45 %)",
-            error.most_largest_mm * 1e3,
-            error.most_mean_mm * 1e3
+            error.largest_95_mm * 1e3,
+            error.mean_95_mm * 1e3
         ))
     }
 
     /// Of the workpiece, by a rigid motion.
-    fn best_fit(&self, poses: &[Position], errors: &[super::PoseError]) -> RigidFit {
+    fn best_fit(&self, poses: &[Position], errors: &[Vector3<f64>]) -> RigidFit {
         let place = |at: &Position| self.chain.tip_in_table(at, self.tip, &[]).mm;
         let nominal: Vec<Vector3<f64>> = poses.iter().map(place).collect();
         let off: Vec<Vector3<f64>> =
-            nominal.iter().zip(errors).map(|(place, error)| place + error.tip_mm).collect();
+            nominal.iter().zip(errors).map(|(place, error)| place + error).collect();
         RigidFit::new(&nominal, &off)
     }
 }
@@ -154,10 +154,10 @@ fn pose_in_words(at: &Position) -> String {
     words.collect::<Vec<_>>().join(" ")
 }
 
-fn likely(values: impl Iterator<Item = f64>) -> f64 {
+fn covering(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
-    sorted[(LIKELY * (sorted.len() - 1) as f64).ceil() as usize]
+    sorted[(COVERAGE * (sorted.len() - 1) as f64).ceil() as usize]
 }
 
 /// Standard deviation.

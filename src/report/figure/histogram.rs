@@ -1,4 +1,5 @@
-//! How often which value occurs, beside the normal distribution of the same mean and scatter.
+//! How often which value occurs, beside the normal distribution of the same mean and scatter; of values that are never
+//! negative, such as lengths, without it.
 
 use std::f64::consts::TAU;
 
@@ -29,9 +30,15 @@ pub(super) fn histogram(function: &Function, samples: &[Sample]) -> Option<Strin
             let corners = [(columns.edge(i), *count as f64), (columns.edge(i + 1), 0.0)];
             Rectangle::new(corners, LINE.mix(0.6).filled())
         }))?;
-        chart.draw_series([PathElement::new(normal, FIT.stroke_width(4))])?;
+        if !are_lengths(samples) {
+            chart.draw_series([PathElement::new(normal, FIT.stroke_width(4))])?;
+        }
         Ok(())
     })
+}
+
+fn are_lengths(samples: &[Sample]) -> bool {
+    samples.iter().all(|sample| sample.y >= 0.0)
 }
 
 struct Columns {

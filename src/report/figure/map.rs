@@ -51,6 +51,8 @@ impl ErrorMap {
 
     fn cells(&self, area: &Area<'_>, rows: &[Vec<f64>], largest: f64) -> Drawn {
         let (columns, count) = (self.across.1.len(), self.up.1.len());
+        let greatest = rows.iter().flatten().copied().fold(0.0, f64::max);
+        let decimals = if greatest < 10.0 { 1 } else { 0 };
         let middle = text_style(FONT).pos(Pos::new(HPos::Center, VPos::Center));
         for (j, row) in rows.iter().enumerate().take(count) {
             let (low, high) =
@@ -61,7 +63,7 @@ impl ErrorMap {
                 let corners = [(from, high), (to, low)];
                 area.draw(&Rectangle::new(corners, FIT.mix(0.8 * share).filled()))?;
                 area.draw(&Rectangle::new(corners, GRID.stroke_width(1)))?;
-                let text = number::fixed(*value, if largest < 10.0 { 1 } else { 0 });
+                let text = number::fixed(*value, decimals);
                 let place = ((from + to) / 2, (low + high) / 2);
                 area.draw(&Text::new(text, place, middle.clone()))?;
             }
