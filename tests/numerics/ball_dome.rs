@@ -175,10 +175,10 @@ fn one_search_saves_a_quarter_of_the_time_and_no_certainty() {
     assert!(once_min < 0.75 * every_min && (u_once / u_every - 1.0).abs() < 0.1);
 }
 
-fn watched(drift_um_per_h: f64) -> Result<Vec<Reading>, Refused> {
+fn watched(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, Refused> {
     let few = |degrees: &[f64]| Value::Array(degrees.iter().copied().map(Value::Float).collect());
     let changes: Changes = vec![
-        ("method.ball-dome.watch_min", Value::Float(4.0)),
+        ("method.ball-dome.watch_min", Value::Float(watch_min)),
         ("method.ball-dome.tilt_deg", few(&[0.0])),
         ("method.ball-dome.turn_deg", few(&[0.0])),
         ("machine.drift_um_per_h", Value::Float(drift_um_per_h)),
@@ -191,15 +191,18 @@ fn watched(drift_um_per_h: f64) -> Result<Vec<Reading>, Refused> {
         .map(|(_, readings)| readings)
 }
 
-/// A table that creeps as declared is watched for four minutes; one that creeps ten times faster six times as long, and
-/// the run does not begin.
+/// A table that creeps as declared is watched for four minutes or a little longer; one that creeps ten times faster six
+/// times as long, and the run does not begin. Nor does it where so short a time cannot show rest.
 #[test]
 fn a_machine_that_is_not_at_rest_is_watched() {
-    let readings = watched(2.0).unwrap();
+    let readings = watched(2.0, 4.0).unwrap();
     let last_s = readings.last().unwrap().t_s;
     println!("{} readings in {last_s:.0} s", readings.len());
     assert!((240.0..900.0).contains(&last_s));
-    let why = watched(40.0).unwrap_err().why;
+    let short = watched(2.0, 0.1).unwrap_err();
+    println!("{short}");
+    assert!(short.instead.contains("raise watch_min"), "{short}");
+    let why = watched(40.0, 4.0).unwrap_err().why;
     println!("{why}");
     assert!(why.starts_with("the machine is not seen to come to rest: after 24 min"), "{why}");
 }

@@ -79,8 +79,14 @@ pub fn estimate(
     let identified =
         identify(&solution, &sources, outputs::outputs(&model, &groups), Some(trials))?;
     let mut estimate = identified.estimate(super::NAME);
-    // The deviations come first.
+    // The deviations come first, before all what the machine as it is and the best variant have.
     estimate.parameters.rotate_right(2 * variants.len());
+    let shown = [variants[0].kind.name, best.kind.name];
+    estimate.parameters[..2 * variants.len()].sort_by_key(|parameter| {
+        let (name, of) = parameter.symbol.split_once('_').unwrap_or_default();
+        let is_shown = shown.contains(&name);
+        (!is_shown, is_shown && of == "mean")
+    });
     estimate.arrows = outputs::arrows(&setup, &observed, &points, [&variants[0], best]);
     estimate.functions.extend(variants.iter().map(outputs::histogram));
     Ok(Estimate {

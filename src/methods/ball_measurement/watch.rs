@@ -11,9 +11,9 @@ use crate::identification::declared::drift_mm_per_s;
 use machine::record::reading::Reading;
 
 /// Rounds that show a creep and its scatter.
-const LEAST_ROUNDS: usize = 5;
-/// As many times the asked duration a machine has to come to rest.
-const MOST: f64 = 6.0;
+const ROUNDS: usize = 5;
+/// The machine has so many times the asked duration to come to rest.
+const PATIENCE: f64 = 6.0;
 
 /// How fast the ball moves along one axis.
 #[derive(Debug, Clone, Copy)]
@@ -28,33 +28,33 @@ struct Creep {
 /// than declared.
 ///
 /// # Errors
-/// It creeps after several times that duration, and nobody has looked since.
+/// It creeps still after [`PATIENCE`] times that duration. A run that is resumed is watched anew.
 pub fn needs_a_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, Refused> {
     let watch_s = setup.touch.watch_s;
     // It is over when the measurement has begun, also for a run that is resumed.
     if watch_s <= 0.0 || has_begun(setup) {
         return Ok(false);
     }
-    let looked_s = setup.plan.gaps_s.last().copied().unwrap_or(f64::NEG_INFINITY);
-    let rounds = rounds(setup, readings, looked_s);
+    let resumed_s = setup.plan.gaps_s.last().copied().unwrap_or(f64::NEG_INFINITY);
+    let rounds = rounds(setup, readings, resumed_s);
     let (Some((first_s, _)), Some((last_s, _))) = (rounds.first(), rounds.last()) else {
         return Ok(true);
     };
     let watched_s = last_s - first_s;
-    let newest: Vec<(f64, Vector3<f64>)> =
-        rounds.iter().copied().filter(|(t_s, _)| last_s - t_s <= watch_s).collect();
-    if watched_s < watch_s || newest.len() < LEAST_ROUNDS {
+    if watched_s < watch_s || rounds.len() < ROUNDS {
         return Ok(true);
     }
+    let older = rounds.partition_point(|(t_s, _)| last_s - t_s > watch_s);
+    let newest = &rounds[older.min(rounds.len() - ROUNDS)..];
     // Of a standard deviation, at k = 2.
-    let usual = 2.0 * drift_mm_per_s(setup.plan);
+    let allowed = 2.0 * drift_mm_per_s(setup.plan);
     // Rest that cannot be told from a creep is none: all rounds together tell more than the newest.
-    let may_creep = |creep: &Creep| creep.mm_per_s.abs() > usual || creep.expanded > usual;
+    let may_creep = |creep: &Creep| creep.mm_per_s.abs() > allowed || creep.expanded > allowed;
     let creeping = |rounds: &[(f64, Vector3<f64>)]| creep(rounds).into_iter().find(may_creep);
-    let (Some(creep), Some(_)) = (creeping(&newest), creeping(&rounds)) else { return Ok(false) };
+    let (Some(creep), Some(_)) = (creeping(newest), creeping(&rounds)) else { return Ok(false) };
     let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
     Refused::unless(
-        watched_s < MOST * watch_s,
+        watched_s < PATIENCE * watch_s,
         format!(
             "the machine is not seen to come to rest: after {:.0} min the ball creeps by ({:.1} ± {:.1}) µm/h along {}, \
              where drift_um_per_h declares {:.1} at most",
@@ -62,7 +62,7 @@ pub fn needs_a_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Resu
             um_per_h(creep.mm_per_s),
             um_per_h(creep.expanded),
             creep.axis,
-            um_per_h(usual)
+            um_per_h(allowed)
         ),
         "let it warm up or cool down and resume the run; where ± is larger than the limit raise watch_min; declare in \
          drift_um_per_h of [machine] what cannot be helped",
@@ -75,11 +75,11 @@ fn has_begun(setup: &MeasurementSetup<'_>) -> bool {
     setup.plan.steps.iter().any(|step| pass(&step.label))
 }
 
-/// Time and centre of each round since a person has looked.
+/// Time and centre of each round since the run was resumed.
 fn rounds(
     setup: &MeasurementSetup<'_>,
     readings: &[Reading],
-    looked_s: f64,
+    resumed_s: f64,
 ) -> Vec<(f64, Vector3<f64>)> {
     let all = taken(setup, readings);
     let of_watch = all.iter().filter(|taken| taken.label.pass == Pass::Watch);
@@ -88,7 +88,7 @@ fn rounds(
         let times = taken.readings.iter().map(|reading| reading.t_s);
         Some((times.sum::<f64>() / taken.readings.len() as f64, measured.centre_mm))
     });
-    round.filter(|(t_s, _)| *t_s > looked_s).collect()
+    round.filter(|(t_s, _)| *t_s > resumed_s).collect()
 }
 
 /// Straight lines through the rounds.
