@@ -201,7 +201,10 @@ fn a_machine_that_is_not_at_rest_is_watched() {
     assert!((240.0..900.0).contains(&last_s));
     let short = watched(2.0, 0.1).unwrap_err();
     println!("{short}");
-    assert!(short.instead.contains("raise watch_min"), "{short}");
+    assert!(
+        short.instead.contains("then resume the run") && short.instead.contains("raise watch_min"),
+        "{short}"
+    );
     let why = watched(40.0, 4.0).unwrap_err().why;
     println!("{why}");
     assert!(why.starts_with("the machine is not seen to come to rest: after 24 min"), "{why}");

@@ -79,7 +79,7 @@ pub fn estimate(
     let identified =
         identify(&solution, &sources, outputs::outputs(&model, &groups), Some(trials))?;
     let mut estimate = identified.estimate(super::NAME);
-    // The deviations come first, before all what the machine as it is and the best variant have.
+    // The deviations come first: those of N1 and of the best variant, then those of the others.
     estimate.parameters.rotate_right(2 * variants.len());
     let shown = [variants[0].kind.name, best.kind.name];
     estimate.parameters[..2 * variants.len()].sort_by_key(|parameter| {

@@ -75,7 +75,7 @@ fn outside(setup: &MeasurementSetup<'_>, fault: &BallDoubt) -> Refused {
 }
 
 /// A run goes on by its references only, and the first searches come before them.
-fn way_on(setup: &MeasurementSetup<'_>) -> &'static str {
+pub fn way_on(setup: &MeasurementSetup<'_>) -> &'static str {
     match setup.plan.steps.iter().any(|step| step.kind == StepKind::Reference) {
         true => "then resume the run: it measures the ball again",
         false => "then start a new run",

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 
 use super::known::taken;
 use super::label::{Label, Pass};
+use super::review::way_on;
 use super::setup::MeasurementSetup;
 use crate::Refused;
 use crate::identification::declared::drift_mm_per_s;
@@ -64,8 +65,11 @@ pub fn needs_a_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Resu
             creep.axis,
             um_per_h(allowed)
         ),
-        "let it warm up or cool down and resume the run; where ± is larger than the limit raise watch_min; declare in \
-         drift_um_per_h of [machine] what cannot be helped",
+        format!(
+            "let it warm up or cool down, {}. Where ± is larger than the limit raise watch_min; declare in drift_um_per_h \
+             of [machine] what cannot be helped",
+            way_on(setup)
+        ),
     )?;
     Ok(true)
 }

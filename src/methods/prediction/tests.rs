@@ -201,6 +201,20 @@ fn what_was_not_measured_is_refused() {
     assert!(Predictor::new(&machine, &estimate, WorkZero::OnTable).is_err());
 }
 
+/// Where this machine stands when its stylus is at `place` of the table.
+fn touch(truth: &Truth, place: Vector3<f64>, triple: Triple) -> Reading {
+    Reading {
+        step: 1,
+        repeat: 0,
+        position: position(truth.axes_at(place, triple).into(), triple),
+        value_mm: None,
+        sensor: "probe".to_owned(),
+        t_s: 0.0,
+        flag: Default::default(),
+        temperatures_c: Default::default(),
+    }
+}
+
 /// A touch where the machine of the paper reads with its stylus at a known place of the table.
 #[test]
 fn touches_are_points_of_the_workpiece() {
@@ -214,16 +228,7 @@ fn touches_are_points_of_the_workpiece() {
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
     let place = Vector3::new(110.0, -70.0, 90.0);
     let (_, triple) = POSES[1];
-    let reading = Reading {
-        step: 1,
-        repeat: 0,
-        position: position(truth.axes_at(place, triple).into(), triple),
-        value_mm: None,
-        sensor: "probe".to_owned(),
-        t_s: 0.0,
-        flag: Default::default(),
-        temperatures_c: Default::default(),
-    };
+    let reading = touch(&truth, place, triple);
     let point = |plan: &Plan, estimate: Option<&Estimate>| {
         WorkpieceFrame::new(plan, estimate).unwrap().point(&reading).unwrap()
     };
@@ -265,16 +270,7 @@ fn points_are_seen_by_the_stylus_that_was_found() {
     let tool = stated + Vector3::new(0.02, -0.01, -0.017);
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool };
     let (place, triple) = (Vector3::new(110.0, -70.0, 90.0), POSES[2].1);
-    let reading = Reading {
-        step: 1,
-        repeat: 0,
-        position: position(truth.axes_at(place, triple).into(), triple),
-        value_mm: None,
-        sensor: "probe".to_owned(),
-        t_s: 0.0,
-        flag: Default::default(),
-        temperatures_c: Default::default(),
-    };
+    let reading = touch(&truth, place, triple);
     for (k, symbol) in ["tool_x", "tool_y", "tool_z"].into_iter().enumerate() {
         let found = serde_json::json!({"symbol": symbol, "value": tool[k], "unit": "mm", "u": 0.001, "U": 0.002,
             "k": 2.0, "dof": null, "identifiable": true});

@@ -1,5 +1,6 @@
 //! The error of the tip over the whole volume: largest and mean, with their uncertainty.
 
+use estimation::coverage::COVERAGE_PROBABILITY;
 use estimation::linear::lower_root;
 use estimation::monte_carlo::{Random, Shape};
 use estimation::rigid::RigidFit;
@@ -16,8 +17,6 @@ const ROTARY_STEP_DEG: f64 = 30.0;
 /// Draws of the errors, as many as a second has for so many poses: u to 2 to 7 %.
 const TRIALS: [usize; 2] = [100, 1000];
 const POSES_OF_ALL_TRIALS: usize = 4_000_000;
-/// Coverage probability of k = 2.
-const COVERAGE: f64 = 0.9545;
 const SEED: u64 = 0x766f_6c75;
 
 /// Over a set of poses, mm.
@@ -27,7 +26,7 @@ pub struct VolumeError {
     pub u_largest_mm: f64,
     pub mean_mm: f64,
     pub u_mean_mm: f64,
-    /// Below these with the probability of [`COVERAGE`], mm: what an error may be that was found to be 0.
+    /// Below these with the probability of [`COVERAGE_PROBABILITY`], mm: what an error may be that was found to be 0.
     pub largest_95_mm: f64,
     pub mean_95_mm: f64,
     /// Index of the pose of the largest error.
@@ -157,7 +156,7 @@ fn pose_in_words(at: &Position) -> String {
 fn covering(values: impl Iterator<Item = f64>) -> f64 {
     let mut sorted: Vec<f64> = values.collect();
     sorted.sort_by(f64::total_cmp);
-    sorted[(COVERAGE * (sorted.len() - 1) as f64).ceil() as usize]
+    sorted[(COVERAGE_PROBABILITY * (sorted.len() - 1) as f64).ceil() as usize]
 }
 
 /// Standard deviation.
