@@ -9,7 +9,8 @@ use std::f64::consts::TAU;
 
 use super::clearance::MARGIN;
 use super::path::{Path, height};
-use super::surroundings::{Surroundings, overhang};
+use super::surroundings::Surroundings;
+use super::tool::overhang;
 use super::{Clearance, Confirmed, turning};
 use machine::record::motion::Motion;
 use machine::record::plan::{Plan, Step};

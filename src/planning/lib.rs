@@ -24,6 +24,7 @@ mod round;
 mod scan;
 mod surroundings;
 mod time;
+mod tool;
 mod touch;
 mod turning;
 

@@ -3,43 +3,28 @@
 //! The tool stands upright along Z: the stylus ball, and above it cylinders without an upper end.
 //! Bounds are on the safe side; whether something is in the way indeed is for the proof to say.
 
-use std::f64::consts::PI;
-
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
 use super::PlanningError;
-use super::gjk::Support;
-use super::hull::{Body, Upright, apart_by};
+use super::hull::Body;
+use super::tool::{Element, range, tool};
 use machine::artefact;
+use machine::frame::{Point, Pose, Spindle};
 use machine::kinematics::{Carried, Chain, Side};
 use machine::record::artefact::Artefact;
-use machine::record::machine::{Carrier, Solid};
+use machine::record::machine::Carrier;
 use machine::record::plan::Plan;
 use machine::record::sensor::{Mount, Sensor};
-use machine::{Axis, Position, frame::Point, frame::Spindle};
+use machine::{Axis, Position};
 
 /// What the tool keeps from all that it is not there to touch, mm. A little more than the proof asks.
 pub(super) const CLEAR: f64 = 0.6;
-/// Directions across which two bodies are looked at from above.
-const DIRECTIONS: u32 = 16;
-/// Heights are found to within this, mm.
-const FOUND_WITHIN: f64 = 0.1;
-
-/// The tool's shape from below.
-#[derive(Debug, Clone)]
-struct Element {
-    name: String,
-    /// Ball and stem of the stylus, which the probe feels.
-    felt: bool,
-    radius: f64,
-    /// Of the lower end, from the centre of the stylus ball.
-    bottom: f64,
-}
 
 #[derive(Debug, Clone)]
 pub(super) struct Obstacle {
     pub name: String,
-    carried: Carried,
+    /// Number of what carries it.
+    carrier: usize,
     pub body: Body,
     pub of_artefact: bool,
     /// It may stand off its place by this.
@@ -55,6 +40,8 @@ pub(super) struct Surroundings {
     /// Where each displacement sensor measures: a surface there is within its range.
     ranges: Vec<Element>,
     pub obstacles: Vec<Obstacle>,
+    /// What carries them.
+    carriers: Vec<Carried>,
     /// Of each sensor on the table the line from one end of its range to the other.
     measuring_lines: Vec<Obstacle>,
     pub ball_radius: f64,
@@ -62,6 +49,12 @@ pub(super) struct Surroundings {
     pub loose: f64,
     /// Z ends here.
     pub max_z: f64,
+}
+
+/// Where the stylus ball and all that carries an obstacle are at one position, machine frame.
+struct Standing {
+    tip: Vector3<f64>,
+    carriers: Vec<Pose>,
 }
 
 /// Something that the tool would come too near to, or that would be within a sensor's range.
@@ -76,11 +69,12 @@ impl Surroundings {
     pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
         let chain = Chain::new(&plan.machine)?;
         let loose = artefact::uncertainty_mm(artefact);
-        let mut obstacles = Vec::new();
+        let (mut obstacles, mut carriers) = (Vec::new(), Vec::new());
         let mut add = |name: &str, on: Carrier, body: Body, of_artefact: bool| {
             if let Some(carried) = chain.carried(on).filter(|on| on.side() != Side::Tool) {
+                let carrier = number_of(&mut carriers, carried);
                 let (name, loose) = (name.to_owned(), if of_artefact { loose } else { 0.0 });
-                obstacles.push(Obstacle { name, carried, body, of_artefact, loose });
+                obstacles.push(Obstacle { name, carrier, body, of_artefact, loose });
             }
         };
         for part in artefact::parts(artefact) {
@@ -99,9 +93,23 @@ impl Surroundings {
         let in_spindle = plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
         let ranges = in_spindle.map(|sensor| range(sensor, &tip.mm)).collect();
         let on_table = plan.sensors.iter().filter(|sensor| sensor.mount == Mount::Table);
-        let line = |sensor: &Sensor| Some(measuring_line(sensor, chain.carried(Carrier::Table)?));
-        let measuring_lines = on_table.filter_map(line).collect();
-        Ok(Self { chain, tip, tool, ranges, obstacles, measuring_lines, ball_radius, loose, max_z })
+        let mut line = |sensor: &Sensor| {
+            let table = number_of(&mut carriers, chain.carried(Carrier::Table)?);
+            Some(measuring_line(sensor, table))
+        };
+        let measuring_lines = on_table.filter_map(&mut line).collect();
+        Ok(Self {
+            chain,
+            tip,
+            tool,
+            ranges,
+            obstacles,
+            carriers,
+            measuring_lines,
+            ball_radius,
+            loose,
+            max_z,
+        })
     }
 
     /// Centre of the stylus ball in the machine frame.
@@ -113,11 +121,13 @@ impl Surroundings {
     /// rotary axes as in `pose`, wherever the other axes stand. `Err`: what is on the table is
     /// higher than Z reaches; the value is the Z needed.
     pub fn z_over_all(&self, pose: &Position, margin: f64) -> Result<f64, f64> {
+        let (here, higher) = self.here_and_higher(pose);
         let mut needed = f64::NEG_INFINITY;
         for obstacle in &self.obstacles {
-            let seen = obstacle.seen(pose);
+            let seen = here.seen(obstacle);
             let height = seen.top() + obstacle.loose + margin + self.ball_radius;
-            let Some(z) = self.z_command(obstacle, pose, height) else { continue };
+            let z = z_command(pose.at(Axis::Z), [&here, &higher], obstacle, height);
+            let Some(z) = z else { continue };
             if z <= self.max_z {
                 needed = needed.max(z);
             } else if obstacle.of_artefact {
@@ -166,14 +176,16 @@ impl Surroundings {
         margin: f64,
     ) -> Vec<(f64, Near)> {
         let level = from.updated_by(&to.only(|axis| !matches!(axis, Axis::X | Axis::Y)));
+        let (begin, (end, higher)) = (self.standing(&level), self.here_and_higher(to));
         let mut heights = Vec::new();
         for obstacle in obstacles {
-            let way = [&level, to].map(|at| self.as_seen_by(obstacle, at));
-            let (body, margin) = (obstacle.seen(to), margin + obstacle.loose);
+            let way = [&begin, &end].map(|at| at.tip_from(obstacle));
+            let (body, margin) = (end.seen(obstacle), margin + obstacle.loose);
             for part in parts.iter().filter(|part| part.might_meet(&way, &body, margin)) {
                 let height = way[1].z + part.rise(&way, &body, margin);
                 let near = Near { tool: part.name.clone(), obstacle: obstacle.name.clone() };
-                heights.extend(self.z_command(obstacle, to, height).map(|z| (z, near)));
+                let z = z_command(to.at(Axis::Z), [&end, &higher], obstacle, height);
+                heights.extend(z.map(|z| (z, near)));
             }
         }
         heights
@@ -183,10 +195,11 @@ impl Surroundings {
     /// with the same rotary axes, or had come to on its way straight down to it. The ball of that
     /// name is there to be touched: only what is above the stylus ball must stay clear of it.
     pub fn near(&self, from: &Position, to: &Position, margin: f64, touched: &str) -> Option<Near> {
+        let ends = [from, to].map(|at| self.standing(at));
         self.obstacles.iter().find_map(|obstacle| {
             let own = obstacle.name == touched;
-            let way = [from, to].map(|at| self.as_seen_by(obstacle, at));
-            let body = obstacle.seen(to);
+            let way = ends.each_ref().map(|at| at.tip_from(obstacle));
+            let body = ends[1].seen(obstacle);
             // What is loose moves with the ball that stops the touch.
             let margin = if own { 0.0 } else { margin + obstacle.loose };
             let mut parts = self.tool.iter().skip(usize::from(own));
@@ -212,9 +225,10 @@ impl Surroundings {
     /// move? The ball of that name is not looked at against ball and stem of the stylus: the way was
     /// laid about it.
     pub fn passes(&self, from: &Position, to: &Position, round: &str) -> bool {
+        let ends = [from, to].map(|at| self.standing(at));
         self.obstacles.iter().all(|obstacle| {
-            let way = [from, to].map(|at| self.as_seen_by(obstacle, at));
-            let (body, margin) = (obstacle.seen(to), CLEAR + obstacle.loose);
+            let way = ends.each_ref().map(|at| at.tip_from(obstacle));
+            let (body, margin) = (ends[1].seen(obstacle), CLEAR + obstacle.loose);
             let own = obstacle.name == round;
             let mut parts = self.tool.iter().filter(|part| !(own && part.felt));
             parts.all(|part| part.is_clear(way, &body, margin))
@@ -237,130 +251,56 @@ impl Surroundings {
         axis.z > 1.0 - 1e-9
     }
 
-    /// Z command that holds the stylus ball's centre at a height over the obstacle's carrier; `None`
-    /// if Z does not lift it off.
-    fn z_command(&self, obstacle: &Obstacle, at: &Position, height: f64) -> Option<f64> {
-        let z = at.at(Axis::Z);
-        let here = self.as_seen_by(obstacle, at).z;
-        let higher = at.clone().with(Axis::Z, z + 1.0);
-        let lift = self.as_seen_by(obstacle, &higher).z - here;
-        (lift > 0.5).then(|| z + (height - here) / lift)
+    fn standing(&self, at: &Position) -> Standing {
+        let commands = Axis::ALL.map(|axis| at.at(axis));
+        let carriers = self.carriers.iter().map(|carried| carried.pose(&commands)).collect();
+        Standing { tip: self.tip_at(at), carriers }
     }
 
+    /// At a position, and with Z 1 mm further.
+    fn here_and_higher(&self, at: &Position) -> (Standing, Standing) {
+        let higher = at.clone().with(Axis::Z, at.at(Axis::Z) + 1.0);
+        (self.standing(at), self.standing(&higher))
+    }
+}
+
+impl Standing {
     /// Centre of the stylus ball from the origin of the obstacle's carrier, machine directions.
-    fn as_seen_by(&self, obstacle: &Obstacle, position: &Position) -> Vector3<f64> {
-        self.tip_at(position) - obstacle.carried.pose(&commands(position)).translation.vector
+    fn tip_from(&self, obstacle: &Obstacle) -> Vector3<f64> {
+        self.tip - self.carriers[obstacle.carrier].translation.vector
+    }
+
+    /// The obstacle turned as it stands, from the origin of its carrier.
+    fn seen(&self, obstacle: &Obstacle) -> Body {
+        obstacle.body.turned(&self.carriers[obstacle.carrier].rotation)
     }
 }
 
-/// Of the parts of the tool that the probe does not feel: how wide they are, and how far above the centre
-/// of the stylus ball the lowest begins, mm. `None`: none is declared.
-pub(super) fn overhang(plan: &Plan) -> Option<(f64, f64)> {
-    let tool = tool(plan);
-    let unfelt = tool.iter().filter(|part| !part.felt).map(|part| (part.radius, part.bottom));
-    unfelt.reduce(|(wide, low), (radius, bottom)| (wide.max(radius), low.min(bottom)))
+/// Z command that holds the stylus ball's centre at a height over the obstacle's carrier, of the places where Z
+/// stands and 1 mm further; `None` if Z does not lift it off.
+fn z_command(
+    z: f64,
+    [here, higher]: [&Standing; 2],
+    obstacle: &Obstacle,
+    height: f64,
+) -> Option<f64> {
+    let stands = here.tip_from(obstacle).z;
+    let lift = higher.tip_from(obstacle).z - stands;
+    (lift > 0.5).then(|| z + (height - stands) / lift)
 }
 
-fn commands(position: &Position) -> [f64; Axis::ALL.len()] {
-    Axis::ALL.map(|axis| position.at(axis))
+/// Of a carrier among those that are known, known by now.
+fn number_of(carriers: &mut Vec<Carried>, carried: Carried) -> usize {
+    let known = carriers.iter().position(|known| known.moves_as(&carried));
+    known.unwrap_or_else(|| {
+        carriers.push(carried);
+        carriers.len() - 1
+    })
 }
 
-/// From the spindle's solids those that it carries itself: what else rides on the tool's side is
-/// for the proof.
-fn tool(plan: &Plan) -> Vec<Element> {
-    let probe = &plan.probe;
-    let part = |name: &str, felt, radius, bottom| {
-        let name = name.to_owned();
-        Element { name, felt, radius, bottom }
-    };
-    let mut tool = vec![part("stylus ball", true, probe.ball_radius_mm, -probe.ball_radius_mm)];
-    if probe.stem_radius_mm > 0.0 {
-        tool.push(part("stylus stem", true, probe.stem_radius_mm, 0.0));
-    }
-    if probe.body_radius_mm > 0.0 {
-        tool.push(part("probe body", false, probe.body_radius_mm, probe.stem_length_mm));
-    }
-    let tip = Vector3::from(plan.machine.tool_mm);
-    let carried = |solid: &&Solid| matches!(solid.on, Carrier::Spindle | Carrier::Axis(Axis::S));
-    for solid in plan.solids.iter().filter(carried) {
-        let body = Body::of(solid);
-        let (points, radius) = body.points();
-        // The stylus may stand beside the spindle's axis, and S turns it about that.
-        let aside = |p: &Vector3<f64>| p.xy().norm() + tip.xy().norm();
-        let wide = points.iter().map(aside).fold(0.0, f64::max) + radius;
-        let bottom = body.support(-Vector3::z()).z - tip.z;
-        tool.push(part(&solid.name, false, wide, bottom));
-    }
-    tool
-}
-
-/// Where `sensor` measures, as an upright cylinder about the stylus ball at `tip`, whichever way the
-/// spindle stands.
-fn range(sensor: &Sensor, tip: &Vector3<f64>) -> Element {
-    let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
-    let ends = sensor.range_mm.map(|distance| zero + along * distance);
-    let radius = ends.iter().map(|end| end.xy().norm()).fold(0.0, f64::max) + tip.xy().norm();
-    let bottom = ends.iter().map(|end| end.z - tip.z).fold(f64::INFINITY, f64::min);
-    Element { name: sensor.name.clone(), felt: false, radius, bottom }
-}
-
-fn measuring_line(sensor: &Sensor, carried: Carried) -> Obstacle {
+fn measuring_line(sensor: &Sensor, carrier: usize) -> Obstacle {
     let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
     let [from, to] = sensor.range_mm.map(|distance| zero + along * distance);
     let body = Body::Round(artefact::Shape::Cylinder { from, to, radius: 0.0 });
-    Obstacle { name: sensor.name.clone(), carried, body, of_artefact: false, loose: 0.0 }
-}
-
-impl Obstacle {
-    /// Turned as it stands, from the origin of its carrier.
-    fn seen(&self, position: &Position) -> Body {
-        self.body.turned(&self.carried.pose(&commands(position)).rotation)
-    }
-}
-
-impl Element {
-    /// On a way of the stylus ball, higher by `rise`.
-    fn on(&self, way: [Vector3<f64>; 2], rise: f64) -> Upright {
-        Upright { way: way.map(|at| at + Vector3::z() * (self.bottom + rise)), radius: self.radius }
-    }
-
-    /// Quickly: neither above the body nor beside it.
-    fn might_meet(&self, way: &[Vector3<f64>; 2], body: &Body, margin: f64) -> bool {
-        let lowest = way[0].z.min(way[1].z) + self.bottom;
-        lowest < body.top() + margin && beside(way, body) < self.radius + margin
-    }
-
-    fn is_clear(&self, way: [Vector3<f64>; 2], body: &Body, margin: f64) -> bool {
-        !self.might_meet(&way, body, margin) || apart_by(&self.on(way, 0.0), body, margin)
-    }
-
-    /// How much higher it must go to be clear of the body by `margin`: by halving, to the upper side.
-    fn rise(&self, way: &[Vector3<f64>; 2], body: &Body, margin: f64) -> f64 {
-        if apart_by(&self.on(*way, 0.0), body, margin) {
-            return f64::NEG_INFINITY;
-        }
-        let over = body.top() + margin - self.bottom - way[0].z.min(way[1].z);
-        let (mut low, mut high) = (0.0, over.max(0.0));
-        while high - low > FOUND_WITHIN {
-            let middle = (low + high) / 2.0;
-            let clear = apart_by(&self.on(*way, middle), body, margin);
-            if clear { high = middle } else { low = middle }
-        }
-        high
-    }
-}
-
-/// A body is at least this far from a straight way, seen from above: across the direction that shows
-/// most.
-fn beside(way: &[Vector3<f64>; 2], body: &Body) -> f64 {
-    let (points, radius) = body.points();
-    let across = |k: u32| {
-        let (sin, cos) = (2.0 * PI * f64::from(k) / f64::from(DIRECTIONS)).sin_cos();
-        Vector2::new(cos, sin)
-    };
-    let between = |u: Vector2<f64>| {
-        let near = points.iter().map(|p| p.xy().dot(&u)).fold(f64::INFINITY, f64::min);
-        near - way[0].xy().dot(&u).max(way[1].xy().dot(&u))
-    };
-    (0..DIRECTIONS).map(across).map(between).fold(f64::NEG_INFINITY, f64::max) - radius
+    Obstacle { name: sensor.name.clone(), carrier, body, of_artefact: false, loose: 0.0 }
 }

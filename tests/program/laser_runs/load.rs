@@ -198,9 +198,10 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     assert!(seconds > LEAST, "{seconds:?}");
     assert_eq!((told.missing, told.silences, flagged), (0, 0, 0), "{said}");
     assert_eq!(readings.len() % 20, 0);
-    // It listens while the machine moves or takes samples. It does not while a stage is proven: at nice 10 beside
-    // this load that takes as long as the others let it. Both together are all that was sent.
-    assert!(told.came > 10 * told.passed_over, "{told:?}");
+    // It listens while the machine moves or takes samples, which is most of the time. It does not while a stage is
+    // proven: at nice 10 beside this load that takes as long as the others let it, which is not judged here. Both
+    // together are all that was sent.
+    assert!(told.came > told.passed_over, "{told:?}");
     let [ready, measured] = sent[..] else { panic!("{sent:?} {said}") };
     let accounted = told.came + told.passed_over;
     assert!(accounted.abs_diff(measured - ready) < ON_THE_WAY, "{accounted} {sent:?}");
