@@ -1,5 +1,5 @@
-//! The order in which the balls of the dome are measured against a long search: simulated annealing within the balls of
-//! each indexation, by the times of the ways as they are planned, with all their heights.
+//! The order in which the balls of the dome and the touches of each are measured against a long search: simulated
+//! annealing within each indexation, by the times of the ways as they are planned, with all their heights.
 
 use machine::Position;
 use machine::record::motion::{Block, Motion};
@@ -12,8 +12,11 @@ use trued::setup::{self, MachineFile};
 use estimation::random::stream;
 use testing::population::is_full;
 
-/// Seconds from the end of one ball to the first touch of another, for the balls of a stage in their order.
+/// Seconds from after each touch of a stage to each, in the planned order; the first row from where the machine comes.
 type Ways = Vec<Vec<f64>>;
+
+/// Numbers of touches, ball after ball.
+type Tour = Vec<Vec<usize>>;
 
 /// Time of the way to a touch, and where the machine stands after it.
 fn way_to(plan: &Plan, from: &Position, step: &Step, clearance: &Clearance) -> (f64, Position) {
@@ -26,51 +29,61 @@ fn way_to(plan: &Plan, from: &Position, step: &Step, clearance: &Clearance) -> (
     (MachineTime::of(&all, &plan.machine).way_s, ends)
 }
 
-/// Of a stage in the planned order, the first row from where the machine comes. `stands`: that place, then where it goes to.
-fn ways(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> Ways {
+/// Of a stage in the planned order, with its tour. `stands`: where the machine comes from, then where it ends.
+fn ways(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> (Ways, Tour) {
     let clearance = Clearance::known(plan, stage.found.as_ref()).unwrap();
     let steps = stage.steps.iter().map(|id| plan.steps.iter().find(|step| step.id == *id).unwrap());
     let steps: Vec<&Step> = steps.collect();
-    let name = |step: &Step| step.label.split('/').nth(2).unwrap().to_owned();
-    let balls: Vec<&[&Step]> = steps.chunk_by(|a, b| name(a) == name(b)).collect();
-    let end = |ball: &&[&Step]| {
-        let last = ball.last().unwrap();
-        way_to(plan, &last.from, last, &clearance).1
-    };
-    let ends: Vec<Position> = balls.iter().map(end).collect();
+    let end = |step: &&&Step| way_to(plan, &step.from, step, &clearance).1;
+    let ends: Vec<Position> = steps.par_iter().map(|step| end(&step)).collect();
     let row = |from: &Position| -> Vec<f64> {
-        balls.iter().map(|ball| way_to(plan, from, ball[0], &clearance).0).collect()
+        steps.iter().map(|step| way_to(plan, from, step, &clearance).0).collect()
     };
-    let first = stands.as_ref().map_or(vec![0.0; balls.len()], row);
+    let first = stands.as_ref().map_or(vec![0.0; steps.len()], row);
     *stands = ends.last().cloned();
-    std::iter::once(first).chain(ends.par_iter().map(row).collect::<Vec<_>>()).collect()
+    let ways = std::iter::once(first).chain(ends.par_iter().map(row).collect::<Vec<_>>());
+    let ball = |number: &usize| steps[*number].label.split('/').nth(2).unwrap();
+    let numbers: Vec<usize> = (0..steps.len()).collect();
+    let tour = numbers.chunk_by(|a, b| ball(a) == ball(b)).map(<[usize]>::to_vec);
+    (ways.collect(), tour.collect())
 }
 
 /// From the first row on.
-fn time_s(order: &[usize], ways: &Ways) -> f64 {
-    let pairs = order.windows(2).map(|pair| ways[pair[0] + 1][pair[1]]);
-    ways[0][order[0]] + pairs.sum::<f64>()
+fn time_s(tour: &Tour, ways: &Ways) -> f64 {
+    let touches: Vec<usize> = tour.iter().flatten().copied().collect();
+    let pairs = touches.windows(2).map(|pair| ways[pair[0] + 1][pair[1]]);
+    ways[0][touches[0]] + pairs.sum::<f64>()
 }
 
-/// The best time that turning pieces round and putting pieces elsewhere finds from the planned order on.
-fn annealed_s(ways: &Ways, random: &mut impl Rng, tries: u64) -> f64 {
-    let mut order: Vec<usize> = (0..ways[0].len()).collect();
-    let (mut time, mut best) = (time_s(&order, ways), time_s(&order, ways));
+/// One piece turned round or put elsewhere.
+fn change<T>(order: &mut Vec<T>, random: &mut impl Rng) {
+    let mut ends = [0; 2].map(|_| random.random_range(0..order.len()));
+    ends.sort_unstable();
+    if random.random::<bool>() {
+        order[ends[0]..=ends[1]].reverse();
+    } else {
+        let piece: Vec<T> = order.drain(ends[0]..=ends[1]).collect();
+        let at = random.random_range(0..=order.len());
+        order.splice(at..at, piece);
+    }
+}
+
+/// The best time that changes of the order of the balls, and of the touches of a ball, find from the planned order on.
+fn annealed_s((ways, planned): &(Ways, Tour), random: &mut impl Rng, tries: u64) -> f64 {
+    let mut tour = planned.clone();
+    let (mut time, mut best) = (time_s(&tour, ways), time_s(&tour, ways));
     for number in 0..tries {
         let heat_s = 0.3 * (1.0 - number as f64 / tries as f64).powi(3);
-        let mut ends = [0; 2].map(|_| random.random_range(0..order.len()));
-        ends.sort_unstable();
-        let mut other = order.clone();
+        let mut other = tour.clone();
         if random.random::<bool>() {
-            other[ends[0]..=ends[1]].reverse();
+            change(&mut other, random);
         } else {
-            let piece: Vec<usize> = other.drain(ends[0]..=ends[1]).collect();
-            let at = random.random_range(0..=other.len());
-            other.splice(at..at, piece);
+            let ball = random.random_range(0..other.len());
+            change(&mut other[ball], random);
         }
         let change = time_s(&other, ways) - time;
         if change < 0.0 || random.random::<f64>() < (-change / heat_s).exp() {
-            (order, time) = (other, time + change);
+            (tour, time) = (other, time + change);
             best = best.min(time);
         }
     }
@@ -84,13 +97,12 @@ fn no_long_search_finds_a_way_shorter_by_a_twentieth() {
     let (plan, stages) = methods::nominal(method.as_ref(), header).unwrap();
     let slow = stages.iter().filter(|stage| stage.name.starts_with("measure"));
     assert_eq!(slow.clone().count(), 24);
-    let (count, tries) = if is_full() { (24, 1_000_000) } else { (8, 50_000) };
+    let (count, tries) = if is_full() { (24, 1_000_000) } else { (4, 50_000) };
     let mut stands = None;
-    let all: Vec<Ways> = slow.take(count).map(|stage| ways(&plan, stage, &mut stands)).collect();
-    let of_stage = |(number, ways): (usize, &Ways)| {
-        let order: Vec<usize> = (0..ways[0].len()).collect();
+    let all: Vec<_> = slow.take(count).map(|stage| ways(&plan, stage, &mut stands)).collect();
+    let of_stage = |(number, stage): (usize, &(Ways, Tour))| {
         let random = &mut stream(1, &[0x746f_7572, number as u64]);
-        [time_s(&order, ways), annealed_s(ways, random, tries)]
+        [time_s(&stage.1, &stage.0), annealed_s(stage, random, tries)]
     };
     let times: Vec<[f64; 2]> = all.par_iter().enumerate().map(of_stage).collect();
     let [planned, best] = [0, 1].map(|k| times.iter().map(|times| times[k]).sum::<f64>());

@@ -54,7 +54,7 @@ pub fn visits(setup: &MeasurementSetup<'_>, settings: &Settings) -> Result<Vec<V
             }
         }
         if !balls.is_empty() {
-            visits.push(Visit { at, balls });
+            visits.push(Visit::new(at, balls));
         }
     }
     if let Some(hidden) = seen.iter().position(|seen| !seen) {
@@ -66,7 +66,7 @@ pub fn visits(setup: &MeasurementSetup<'_>, settings: &Settings) -> Result<Vec<V
     }
     let visits = in_order(&setup.plan.machine, visits);
     match setup.touch.find {
-        Find::Once => balls_by_planned_ways(setup, &access, visits),
+        Find::Once => balls_by_planned_ways(setup, visits),
         // There and back: the way in X and Y counts twice.
         Find::Every => balls_in_order(setup, &access, visits),
     }

@@ -11,11 +11,13 @@ mod label;
 mod made_visits;
 mod observe;
 mod order;
+mod planned_ways;
 mod review;
 mod rotary;
 mod setup;
 mod sources;
 mod stages;
+mod touch_order;
 mod watch;
 
 pub use artefact::balls;
@@ -27,7 +29,8 @@ pub use indexations::{
 pub use label::{Label, Pass};
 pub use made_visits::MadeVisits;
 pub use observe::{BallCentre, Observed, observe, stated_balls};
-pub use order::{balls_by_planned_ways, balls_in_order, in_order};
+pub use order::{balls_in_order, in_order};
+pub use planned_ways::balls_by_planned_ways;
 pub use rotary::rotary_source;
 pub use setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
 pub use sources::touch_sources;

@@ -1,7 +1,10 @@
 //! What a method measures with: plan, balls, and how each ball is touched.
 
+use std::collections::BTreeMap;
+
 use serde::{Deserialize, Serialize};
 
+use super::touch_order::Around;
 use crate::Refused;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::Plan;
@@ -24,6 +27,14 @@ pub enum Find {
 pub struct Visit {
     pub at: Position,
     pub balls: Vec<usize>,
+    /// How a ball is gone round when it is measured slowly; as it comes if nothing is said.
+    pub around: BTreeMap<usize, Around>,
+}
+
+impl Visit {
+    pub fn new(at: Position, balls: Vec<usize>) -> Self {
+        Self { at, balls, around: BTreeMap::new() }
+    }
 }
 
 /// How each ball is measured.
@@ -72,6 +83,14 @@ impl TouchSettings {
             "form_limit_um and diameter_limit_um must be greater than 0",
             "leave them out, or choose about 15 and 30",
         )
+    }
+}
+
+impl TouchSettings {
+    /// How far a ball may stand off the place where it was found. Slow touches set out from their standoff: half of
+    /// it is granted.
+    pub fn found_within_mm(&self) -> f64 {
+        self.standoff_mm.min(self.search_mm) / 2.0
     }
 }
 

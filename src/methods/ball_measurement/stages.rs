@@ -214,7 +214,9 @@ fn new_steps(
         };
         let wanted = setup.task(&expected, &visit.at, approach);
         let new = access.steps(&wanted, &setup.plan.probe, kind, (0, 0), label);
-        steps.extend(new.map_err(|why| refused(setup, visit, ball, &why))?);
+        let new = new.map_err(|why| refused(setup, visit, ball, &why))?;
+        let around = visit.around.get(index).filter(|_| task.pass == Pass::Slow);
+        steps.extend(around.copied().unwrap_or_default().applied(new));
     }
     Ok(steps)
 }
@@ -245,9 +247,8 @@ fn again(setup: &MeasurementSetup<'_>, task: &Task) -> Vec<Step> {
     setup.plan.steps.iter().filter(of_first).filter_map(renumbered).collect()
 }
 
-/// The balls where they were found. Slow touches set out from their standoff: half of it is granted to
-/// what the balls still stray from there. Before all of them are found nothing better is known than
-/// what is stated.
+/// The balls where they were found. Before all of them are found nothing better is known than what is
+/// stated.
 fn found(setup: &MeasurementSetup<'_>, task: &Task, known: &Known) -> Option<Artefact> {
     if !known.all() {
         return None;
@@ -255,7 +256,7 @@ fn found(setup: &MeasurementSetup<'_>, task: &Task, known: &Known) -> Option<Art
     let settings = setup.touch;
     let uncertainty_mm = match task.pass {
         Pass::Find => known.uncertainty_mm(setup),
-        _ => settings.standoff_mm.min(settings.search_mm) / 2.0,
+        _ => settings.found_within_mm(),
     };
     let balls = setup.balls.balls.iter().enumerate().map(|(index, ball)| {
         let centre_mm = known.centre(setup, index, task.visit).into();

@@ -34,9 +34,9 @@ impl Design {
             direction: if i < rising { 1.0 } else { -1.0 },
         };
         let stops: Vec<Stop> = numbers.iter().enumerate().map(stop).collect();
-        let visit = |stop: &Stop| Visit {
-            at: plate.still.clone().with(plate.axis, stop.angle),
-            balls: (0..plate.balls.balls.len()).collect(),
+        let visit = |stop: &Stop| {
+            let at = plate.still.clone().with(plate.axis, stop.angle);
+            Visit::new(at, (0..plate.balls.balls.len()).collect())
         };
         let layout = Layout {
             basis: basis(settings, stops.len()),

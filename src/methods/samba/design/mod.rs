@@ -139,7 +139,7 @@ impl Candidates {
             by_place.entry(sight.indexation).or_default().push(sight.ball);
         }
         let visit = |(place, balls): (usize, Vec<usize>)| {
-            Some(Visit { at: self.at.get(place)?.clone(), balls })
+            Some(Visit::new(self.at.get(place)?.clone(), balls))
         };
         by_place.into_iter().filter_map(visit).collect()
     }

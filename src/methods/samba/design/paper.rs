@@ -82,7 +82,7 @@ pub fn visits(bench: &Bench<'_>, candidates: &Candidates) -> Result<Vec<Visit>, 
         let there = candidates.sights.iter().filter(|sight| sight.indexation == place);
         let balls: Vec<usize> = there.map(|sight| sight.ball).collect();
         let at = candidates.at.get(place).cloned().unwrap_or_default();
-        visits.push(Visit { at, balls });
+        visits.push(Visit::new(at, balls));
     }
     let count = |visits: &[Visit]| visits.iter().map(|visit| visit.balls.len()).sum::<usize>();
     let accessible = count(&visits);

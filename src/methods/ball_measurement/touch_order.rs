@@ -1,0 +1,167 @@
+//! In which order the touches of a ball follow each other, for a short machine time.
+
+/// How the touches of a ball follow each other.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Around {
+    /// Number of the first touch round the ball.
+    first: usize,
+    backward: bool,
+    /// Before those round the ball; otherwise after them.
+    pole_first: bool,
+}
+
+/// How long the ways of one ball take, s, by numbers of touches; the pole is the last.
+#[derive(Debug, Clone)]
+pub struct BallWays {
+    /// From after each touch of the ball before to each touch; one row from where the machine stands, of the first ball.
+    pub entering: Vec<Vec<f64>>,
+    /// From after each touch to each.
+    pub within: Vec<Vec<f64>>,
+}
+
+impl Around {
+    /// From one neighbour to the next in either sense, from any, the pole before or after.
+    fn all(touches: usize) -> Vec<Self> {
+        let firsts = 0..touches.saturating_sub(1).max(1);
+        let senses = firsts.flat_map(|first| [false, true].map(|backward| (first, backward)));
+        let both = |(first, backward)| {
+            [false, true].map(|pole_first| Self { first, backward, pole_first })
+        };
+        senses.flat_map(both).collect()
+    }
+
+    /// `touches`: as they stand round the ball, the pole last.
+    pub fn applied<T>(self, mut touches: Vec<T>) -> Vec<T> {
+        let Some(pole) = touches.pop() else { return touches };
+        let count = touches.len().max(1);
+        touches.rotate_left(self.first % count);
+        if self.backward {
+            // The first stays the first.
+            touches.reverse();
+            touches.rotate_right(1 % count);
+        }
+        let at = if self.pole_first { 0 } else { touches.len() };
+        touches.insert(at, pole);
+        touches
+    }
+}
+
+/// One of the ways to go round a ball, and the shortest time to its last touch.
+struct Reached {
+    around: Around,
+    order: Vec<usize>,
+    seconds: f64,
+    /// Number of the way round the ball before.
+    before: usize,
+}
+
+/// How to go round each of the balls, one after the other, so that all ways together are the shortest (dynamic
+/// programming over the last touch of each).
+pub fn quickest(balls: &[BallWays]) -> Vec<Around> {
+    let mut reached: Vec<Vec<Reached>> = Vec::new();
+    for ways in balls {
+        let next = reach(ways, reached.last().map_or(&[], Vec::as_slice));
+        reached.push(next);
+    }
+    let shortest = |all: &Vec<Reached>| {
+        let times = all.iter().enumerate();
+        times.min_by(|a, b| a.1.seconds.total_cmp(&b.1.seconds)).map(|(number, _)| number)
+    };
+    let mut number = reached.last().and_then(shortest).unwrap_or_default();
+    let mut chosen: Vec<Around> = Vec::new();
+    for all in reached.iter().rev() {
+        let Some(this) = all.get(number) else { break };
+        chosen.push(this.around);
+        number = this.before;
+    }
+    chosen.reverse();
+    chosen
+}
+
+fn reach(ways: &BallWays, before: &[Reached]) -> Vec<Reached> {
+    let seconds = |table: &[Vec<f64>], from: usize, to: usize| {
+        table.get(from).and_then(|row| row.get(to)).copied().unwrap_or_default()
+    };
+    let touches = ways.within.len();
+    let one = |around: Around| {
+        let order = around.applied((0..touches).collect());
+        let first = order.first().copied().unwrap_or_default();
+        let pairs = order.windows(2);
+        let within: f64 = pairs.map(|pair| seconds(&ways.within, pair[0], pair[1])).sum();
+        let entered = before.iter().enumerate().map(|(number, reached)| {
+            let end = reached.order.last().copied().unwrap_or_default();
+            (number, reached.seconds + seconds(&ways.entering, end, first))
+        });
+        let (before, entered) = entered
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((0, seconds(&ways.entering, 0, first)));
+        Reached { around, order, seconds: entered + within, before }
+    };
+    Around::all(touches).into_iter().map(one).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use estimation::random::stream;
+    use rand::RngExt;
+
+    fn total_s(balls: &[BallWays], order: &[Vec<usize>]) -> f64 {
+        let mut seconds = 0.0;
+        for (number, touches) in order.iter().enumerate() {
+            let from = number.checked_sub(1).map_or(0, |before| *order[before].last().unwrap());
+            seconds += balls[number].entering[from][touches[0]];
+            seconds += touches.windows(2).map(|p| balls[number].within[p[0]][p[1]]).sum::<f64>();
+        }
+        seconds
+    }
+
+    #[test]
+    fn the_touches_go_round_from_any_of_them_the_pole_before_or_after() {
+        let applied = |first, backward, pole_first| {
+            let around = Around { first, backward, pole_first };
+            around.applied(vec!["+45", "+135", "-135", "-45", "pole"]).join(" ")
+        };
+        assert_eq!(applied(0, false, false), "+45 +135 -135 -45 pole");
+        assert_eq!(applied(2, false, true), "pole -135 -45 +45 +135");
+        assert_eq!(applied(2, true, false), "-135 +135 +45 -45 pole");
+        assert!(Around::default().applied(Vec::<u8>::new()).is_empty());
+        let four = Around { first: 3, ..Around::default() }.applied(vec![1, 2, 3, 9]);
+        assert_eq!(four, [1, 2, 3, 9]);
+    }
+
+    #[test]
+    fn no_combination_is_quicker() {
+        let random = &mut stream(1, &[1]);
+        let mut table = |rows: usize, columns: usize| -> Vec<Vec<f64>> {
+            (0..rows).map(|_| (0..columns).map(|_| random.random()).collect()).collect()
+        };
+        // The second ball has four free touches.
+        let mut ball = |before, count| BallWays {
+            entering: table(before, count),
+            within: table(count, count),
+        };
+        let balls = [ball(1, 5), ball(5, 4), ball(4, 5)];
+        let orders = [5, 4, 5].map(|count| {
+            let touches: Vec<usize> = (0..count).collect();
+            let all = Around::all(count).into_iter();
+            all.map(|around| around.applied(touches.clone())).collect::<Vec<_>>()
+        });
+        let mut best = f64::INFINITY;
+        for first in &orders[0] {
+            for second in &orders[1] {
+                for third in &orders[2] {
+                    let order = [first.clone(), second.clone(), third.clone()];
+                    best = best.min(total_s(&balls, &order));
+                }
+            }
+        }
+        let chosen = quickest(&balls);
+        let order: Vec<Vec<usize>> = chosen
+            .iter()
+            .zip([5, 4, 5])
+            .map(|(around, count)| around.applied((0..count).collect()))
+            .collect();
+        assert!((total_s(&balls, &order) - best).abs() < 1e-12);
+    }
+}
