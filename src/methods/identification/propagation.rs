@@ -12,8 +12,7 @@ use super::source::{InResiduals, UncertaintySource};
 pub struct Propagation {
     pub misfit: Misfit,
     effects: Vec<UnknownsEffect>,
-    /// Unknowns × unknowns, in the units of the unknowns.
-    covariance: Mat<f64>,
+    unknowns: usize,
 }
 
 /// The effect of one source on the unknowns.
@@ -82,14 +81,10 @@ impl Propagation {
         let effects = sources.iter().map(|source| UnknownsEffect::new(solution, source, &mut left));
         let mut effects: Vec<UnknownsEffect> = effects.collect();
         let misfit = Misfit::judge(residuals, &left, figures.dof, is_declared);
-        let mut covariance = Mat::zeros(model.unknowns(), model.unknowns());
-        for effect in &mut effects {
-            if effect.is_judged {
-                effect.draws *= faer::Scale(misfit.factor);
-            }
-            covariance += &effect.draws * effect.draws.transpose();
+        for effect in effects.iter_mut().filter(|effect| effect.is_judged) {
+            effect.draws *= faer::Scale(misfit.factor);
         }
-        Self { misfit, effects, covariance }
+        Self { misfit, effects, unknowns: model.unknowns() }
     }
 
     /// Uncertainty of the output with this derivative by each unknown. Where the residuals scale the
@@ -124,11 +119,16 @@ impl Propagation {
     /// Covariance (outputs × outputs) of the outputs with the derivatives `slopes` (outputs ×
     /// unknowns), in their internal units.
     pub fn covariance(&self, slopes: &Mat<f64>) -> Mat<f64> {
-        slopes * &self.covariance * slopes.transpose()
+        let mut covariance = Mat::zeros(slopes.nrows(), slopes.nrows());
+        for effect in &self.effects {
+            let changes = slopes * &effect.draws;
+            covariance += &changes * changes.transpose();
+        }
+        covariance
     }
 
     /// Number of unknowns.
     pub fn unknowns(&self) -> usize {
-        self.covariance.nrows()
+        self.unknowns
     }
 }
