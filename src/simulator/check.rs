@@ -24,7 +24,7 @@ pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(
     ];
     magnitudes.extend(truth.backlash_um.values());
     for (axis, spec) in &machine.axes {
-        magnitudes.extend([spec.resolution_um, spec.error_motion_um]);
+        magnitudes.extend([spec.resolution_um, spec.error_motion_um, spec.backlash_um]);
         if !(spec.rapid_per_min > 0.0 && spec.acceleration_per_s2 > 0.0) {
             return Err(WorldError::Dynamics { axis: *axis });
         }

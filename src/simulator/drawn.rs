@@ -33,6 +33,7 @@ enum Source {
     Mounting,
     DeclaredMotion,
     Asynchronous,
+    Backlash,
 }
 
 /// Standard normal numbers of one source.
@@ -85,6 +86,11 @@ pub(super) fn linearity(seed: u64, sensor: usize, sigma_um: f64, span_mm: f64) -
         Wave { amplitude_um: each * cos.hypot(sin), period_mm: span_mm / f64::from(n), phase_deg }
     };
     ORDERS.map(wave).collect()
+}
+
+/// Lost motion of a linear axis, in standard uncertainties.
+pub(super) fn backlash(seed: u64, axis: u64) -> f64 {
+    first_normal(seed, Source::Backlash, &[axis]).abs()
 }
 
 /// True minus stated stylus centre, spindle frame; as long as the sigma given.
@@ -165,12 +171,12 @@ pub(super) struct Lobing {
 }
 
 impl Lobing {
-    /// Harmonics 2 to 6: the first is a stylus offset, the zeroth belongs to the ball's radius.
-    pub fn draw(seed: u64, sigma_mm: f64) -> Self {
-        const ORDERS: std::ops::RangeInclusive<u32> = 2..=6;
-        let each = sigma_mm / (ORDERS.count() as f64).sqrt();
+    /// Harmonics as declared, or 2 to 6: the first is a stylus offset, the zeroth belongs to the ball's radius.
+    pub fn draw(seed: u64, sigma_mm: f64, declared: &[u32]) -> Self {
+        let orders = if declared.is_empty() { &[2, 3, 4, 5, 6] } else { declared };
+        let each = sigma_mm / (orders.len() as f64).sqrt();
         let draw = |n, part| each * first_normal(seed, Source::Lobing, &[u64::from(n), part]);
-        Self { terms: ORDERS.map(|n| (f64::from(n), draw(n, 0), draw(n, 1))).collect() }
+        Self { terms: orders.iter().map(|n| (f64::from(*n), draw(*n, 0), draw(*n, 1))).collect() }
     }
 
     /// Pre-travel, mm, for the unit contact normal `n` in the spindle frame. It fades towards the

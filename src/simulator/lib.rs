@@ -141,7 +141,7 @@ impl World {
             overtravel_mm: probe.overtravel_mm,
             latch: truth.latch,
             t_s: 0.0,
-            play: Play::new(&truth.backlash_um, &command),
+            play: Play::new(&backlash_um(machine, truth), &command),
             wired: Wired::new(&truth.wiring, &command),
             command,
             scatter_mm: 0.0,
@@ -367,6 +367,17 @@ impl World {
         };
         command.iter().map(rounded).collect()
     }
+}
+
+/// Lost motion of the linear axes: as stated, or drawn as declared.
+fn backlash_um(machine: &Machine, truth: &Truth) -> BTreeMap<Axis, f64> {
+    let drawn =
+        machine.axes.iter().filter(|(_, spec)| spec.backlash_um > 0.0).map(|(axis, spec)| {
+            (*axis, spec.backlash_um * drawn::backlash(truth.seed, *axis as u64))
+        });
+    let mut backlash_um: BTreeMap<Axis, f64> = drawn.collect();
+    backlash_um.extend(&truth.backlash_um);
+    backlash_um
 }
 
 #[cfg(test)]

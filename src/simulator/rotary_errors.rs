@@ -7,7 +7,7 @@ use super::rotary_motion::RotaryMotion;
 use machine::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
 use machine::{Axis, Position};
 
-/// Error motions of a rotary axis along X, Y and Z: harmonics 2 to 5 of its angle. The mean is where the
+/// Error motions of a rotary axis along X, Y and Z: harmonics of its angle, 2 to 5 unless declared. The mean is where the
 /// axis stands, and the first harmonic goes with whatever turns on it.
 #[derive(Debug, Clone)]
 pub(super) struct RotaryErrors {
@@ -28,15 +28,20 @@ type Harmonic = (f64, f64, f64);
 
 impl RotaryErrors {
     /// Each direction of standard deviation `sigma_mm` at every angle.
-    pub fn draw(seed: u64, axis: Axis, sigma_mm: f64) -> Result<Self, ParameterError> {
-        const ORDERS: std::ops::RangeInclusive<u32> = 2..=5;
-        let each = sigma_mm / (ORDERS.count() as f64).sqrt();
+    pub fn draw(
+        seed: u64,
+        axis: Axis,
+        sigma_mm: f64,
+        declared: &[u32],
+    ) -> Result<Self, ParameterError> {
+        let orders = if declared.is_empty() { &[2, 3, 4, 5] } else { declared };
+        let each = sigma_mm / (orders.len() as f64).sqrt();
         let along = |component: Axis| {
             let draw = |n: u32, part| {
                 let key = [axis as u64, component as u64, u64::from(n), part];
                 each * drawn::rotary_motion(seed, key)
             };
-            let terms = ORDERS.map(|n| (f64::from(n), draw(n, 0), draw(n, 1))).collect();
+            let terms = orders.iter().map(|n| (f64::from(*n), draw(*n, 0), draw(*n, 1))).collect();
             Ok((ErrorParameter::new(component, axis, Shape::Location)?, terms))
         };
         let motions: Result<_, ParameterError> = Axis::LINEAR.into_iter().map(along).collect();

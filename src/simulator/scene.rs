@@ -58,7 +58,10 @@ impl Scene {
         let turning = machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
         let rotary_errors: Result<_, WorldError> = turning
             .filter(|(_, spec)| spec.error_motion_um != 0.0)
-            .map(|(axis, spec)| Ok(RotaryErrors::draw(seed, *axis, spec.error_motion_um * 1e-3)?))
+            .map(|(axis, spec)| {
+                let (size_mm, orders) = (spec.error_motion_um * 1e-3, &spec.error_motion_orders);
+                Ok(RotaryErrors::draw(seed, *axis, size_mm, orders)?)
+            })
             .collect();
         let declared = truth.rotary_motion.iter().map(|motion| {
             let known = motion.is_sound() && machine.axes.contains_key(&motion.axis);
@@ -82,7 +85,7 @@ impl Scene {
                 + Vector3::from(truth.tool_offset_um) * 1e-3
                 + drawn::stylus_offset(seed, probe.stylus_offset_um * 1e-3),
             ball_radius: probe.ball_radius_mm,
-            lobing: Lobing::draw(seed, probe.lobing_um * 1e-3),
+            lobing: Lobing::draw(seed, probe.lobing_um * 1e-3, &probe.lobing_orders),
             surface: Surface::new(artefact, truth)?,
             sag: Sag::new(&truth.sag),
             axes_reach: reach(machine),

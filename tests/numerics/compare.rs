@@ -38,7 +38,7 @@ fn u_of_a_difference_is_true_where_sources_are_common() {
             method.identify(&plan, &readings).expect("an estimate")
         });
         let common = common_sources(&first, &second);
-        assert_eq!(common, ["stylus offset", "probe lobing", "error motions of X and Y"]);
+        assert_eq!(common, ["stylus offset", "probe lobing", "error motions of X, Y and Z"]);
         let found = differences(&first, &second, &common);
         let independent = differences(&first, &second, &[]);
         for (one, wide) in found.iter().zip(&independent).take(4) {

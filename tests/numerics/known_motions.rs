@@ -209,6 +209,7 @@ fn regress_known_motions_make_u_smaller_and_keep_it_true() {
             seed,
             &[
                 ("axes.C.error_motion_um", 4.0.into()),
+                ("axes.C.error_motion_orders", [2, 3, 4, 5].map(Value::Integer).to_vec().into()),
                 ("method.self-calibration.positions", Value::Integer(5)),
             ],
         );

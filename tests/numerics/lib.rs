@@ -18,6 +18,7 @@ mod latch_delay;
 mod machine_text;
 mod multiprobe;
 mod nist_strd;
+mod outside_model;
 mod proof_sabotage;
 mod proof_sweep;
 mod r_test;

@@ -98,7 +98,7 @@ const SOURCES: [(&str, &str, &str, &str); 6] = [
     ("resolution", "resolution_um", "3.0", "0.0"),
     ("stylus offset", "stylus_offset_um", "1.0", "0.0"),
     ("probe lobing", "lobing_um", "1.0", "0.0"),
-    ("error motions of X and Y", "error_motion_um", "1.0", "0.0"),
+    ("error motions of X, Y and Z", "error_motion_um", "1.0", "0.0"),
     ("thermal drift", "drift_um_per_h", "60.0", "0.0"),
 ];
 

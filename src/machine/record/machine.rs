@@ -93,6 +93,13 @@ pub struct AxisSpec {
     /// angle, less its mean and what turns with it once a turn.
     #[serde(default)]
     pub error_motion_um: f64,
+    /// Of a rotary axis: harmonic orders of its error motion, each with an equal share of the variance. Empty: not
+    /// known; each order that a method cannot separate counts with the whole.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub error_motion_orders: Vec<u32>,
+    /// Of a linear axis: lost motion at a reversal that the control does not compensate, standard uncertainty, um.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub backlash_um: f64,
     /// Distance over which error motions of a linear axis change, mm.
     #[serde(default = "default_wavelength")]
     pub error_wavelength_mm: f64,
@@ -147,6 +154,10 @@ pub struct Probe {
     /// Standard deviation of the direction-dependent pre-travel (lobing), um.
     #[serde(default)]
     pub lobing_um: f64,
+    /// Harmonic orders of the lobing, each with an equal share of the variance. Empty: not known; each order from 2
+    /// to 6 counts with the whole.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub lobing_orders: Vec<u32>,
     /// Standard uncertainty of the stated stylus offset in each of X and Y, um.
     #[serde(default)]
     pub stylus_offset_um: f64,

@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::effects::{nonzero_columns, shifts};
 use super::observe::{BallCentre, Observed};
 use crate::identification::UncertaintySource;
-use crate::identification::declared::rotary_motions;
+use crate::identification::declared::{MOTION_ORDERS, rotary_motions};
 use machine::Position;
 use machine::frame::Point;
 use machine::kinematics::{Chain, ErrorParameter};
@@ -13,7 +13,7 @@ use machine::record::plan::Plan;
 
 /// They displace all touches of a measurement alike. It may have no draw.
 pub fn rotary_source(plan: &Plan, chain: &Chain, observed: &Observed) -> UncertaintySource {
-    let mut motions = rotary_motions(plan);
+    let mut motions = rotary_motions(plan, &MOTION_ORDERS);
     motions.retain(|motion| chain.check(motion.error).is_ok());
     let errors: Vec<ErrorParameter> = motions.iter().map(|motion| motion.error).collect();
     let stylus = Point::from_vec(Vector3::from(plan.machine.tool_mm));

@@ -7,14 +7,15 @@ use super::effects::{nonzero_columns, nonzero_runs, shifts};
 use super::interruptions;
 use super::observe::{BallCentre, Observed, Touch};
 use crate::identification::declared::{
-    drift_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_mm,
+    drift_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns, repeatability_mm,
+    resolution_mm,
 };
 use crate::identification::{Effect, EvaluationType, ObservationRun, Shape, UncertaintySource};
 use machine::Axis;
 use machine::record::plan::Plan;
 
-/// What acts on the touches of every ball measurement, in this order: repeatability, resolution, lobing, error
-/// motions of X, Y and Z, drift, interruptions. A source may have no draw.
+/// What acts on the touches of every ball measurement, in this order: repeatability, resolution, lobing, backlash,
+/// error motions of X, Y and Z, drift, interruptions. A source may have no draw.
 pub fn touch_sources(plan: &Plan, observed: &Observed) -> Vec<UncertaintySource> {
     let centres = &observed.centres;
     let named = UncertaintySource::new;
@@ -29,6 +30,7 @@ pub fn touch_sources(plan: &Plan, observed: &Observed) -> Vec<UncertaintySource>
         },
         // Alike in all measurements: none has less weight for it.
         UncertaintySource { is_in_weights: false, ..named("probe lobing", lobing(plan, observed)) },
+        UncertaintySource { is_in_weights: false, ..named("backlash", backlash(plan, centres)) },
         named("error motions of X, Y and Z", linear_axes(plan, centres)),
         named("thermal drift", drift(plan, centres)),
         // In the weights it would set the measurements after an interruption below those before.
@@ -60,6 +62,16 @@ fn lobing(plan: &Plan, observed: &Observed) -> Effect {
     let patterns = lobing_patterns(plan, &normals.collect::<Vec<_>>());
     let centres = &observed.centres;
     nonzero_columns(patterns.into_iter().map(|pattern| along_normals(centres, pattern.into_iter())))
+}
+
+/// Each axis lags behind the direction of the touch.
+fn backlash(plan: &Plan, centres: &[BallCentre]) -> Effect {
+    let half = half_backlash_mm(plan);
+    let column = |k: usize| {
+        let of_touch = |touch: &Touch| touch.gain * half[k] * touch.normal[k].abs();
+        shifts(centres, |centre| centre.touches.iter().map(of_touch).sum())
+    };
+    nonzero_columns((0..3).map(column))
 }
 
 /// At the touches, not at the centre: the slope of a motion changes the sphere.

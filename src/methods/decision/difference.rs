@@ -10,7 +10,7 @@ use machine::record::estimate::{BudgetLine, Estimate, EvaluationType, Parameter,
 const SAME_IN_EVERY_RUN: [&str; 7] = [
     "stylus offset",
     "probe lobing",
-    "error motions of X and Y",
+    "backlash",
     "error motions of X, Y and Z",
     "squareness of X, Y and Z",
     "error motions of rotary axes",

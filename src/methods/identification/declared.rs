@@ -3,7 +3,6 @@
 //! point).
 
 use std::f64::consts::TAU;
-use std::ops::RangeInclusive;
 
 use estimation::revolutions::{HarmonicData, RowRevolutions};
 use estimation::smooth::{smooth_function, stationary_function};
@@ -13,12 +12,11 @@ use machine::record::plan::Plan;
 use machine::record::sensor::Sensor;
 use nalgebra::Vector3;
 
-/// Harmonics of pre-travel; each has an equal share of the declared variance. Lower ones are radius and
-/// stylus offset.
-const LOBING_ORDERS: RangeInclusive<u32> = 2..=6;
-/// Harmonics of a rotary axis' error motion; each has an equal share of the declared variance. The mean
-/// is the axis' location, and the first harmonic is inseparable from what the axis carries.
-const MOTION_ORDERS: RangeInclusive<u32> = 2..=5;
+/// Harmonic orders of pre-travel where none are declared. Lower ones are radius and stylus offset.
+pub const LOBING_ORDERS: [u32; 5] = [2, 3, 4, 5, 6];
+/// Harmonic orders of a rotary axis' error motion where none are declared. The mean is the axis'
+/// location, and the first harmonic is inseparable from what the axis carries.
+pub const MOTION_ORDERS: [u32; 4] = [2, 3, 4, 5];
 /// Assumed standard uncertainty of one touch where none is declared, mm; the residuals rescale it.
 const UNDECLARED_REPEATABILITY_MM: f64 = 1e-3;
 
@@ -66,24 +64,45 @@ pub fn point_mm(plan: &Plan, is_touch: bool, t_s: f64) -> f64 {
     (motions.sum::<f64>() + probe.powi(2) + rounding.powi(2) + drift.powi(2)).sqrt()
 }
 
-/// Direction-dependent pre-travel ([`azimuth_patterns`]).
-pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
-    azimuth_patterns(plan.probe.lobing_um * 1e-3, normals)
+/// Half of the declared lost motion of X, Y and Z, mm: by so much an axis lags behind the direction of a touch.
+pub fn half_backlash_mm(plan: &Plan) -> Vector3<f64> {
+    let half = |axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.backlash_um * 0.5e-3);
+    Vector3::from(Axis::LINEAR.map(half))
 }
 
-/// A deviation of standard deviation `size_mm` that goes with the direction: harmonics of the azimuth of the contacts'
-/// outward unit `normals` (spindle frame), times the sine of their angle to the spindle axis. Patterns: orders rising,
-/// cosine before sine.
-pub fn azimuth_patterns(size_mm: f64, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
-    let share = size_mm / (LOBING_ORDERS.count() as f64).sqrt();
-    let pattern = |order: u32, quarter_turns: f64| {
+/// Standard deviation of the cosine and of the sine part of each order. `declared` orders have equal shares of the
+/// variance. Where none are declared, the whole may have any order: each of the `possible` has it, so that the
+/// worst is never too small.
+fn size_by_order(total: f64, declared: &[u32], possible: &[u32]) -> Vec<(u32, f64)> {
+    let (orders, size) = match declared {
+        [] => (possible, total),
+        orders => (orders, total / (orders.len() as f64).sqrt()),
+    };
+    orders.iter().map(|order| (*order, size)).collect()
+}
+
+/// Direction-dependent pre-travel ([`azimuth_patterns`]).
+pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
+    azimuth_patterns(plan.probe.lobing_um * 1e-3, &plan.probe.lobing_orders, normals)
+}
+
+/// A deviation of standard deviation `total_mm` that goes with the direction: harmonics of the azimuth of the contacts'
+/// outward unit `normals` (spindle frame), times the sine of their angle to the spindle axis. `declared`: its orders, if
+/// known. Patterns: orders as declared, cosine before sine.
+pub fn azimuth_patterns(
+    total_mm: f64,
+    declared: &[u32],
+    normals: &[Vector3<f64>],
+) -> Vec<Vec<f64>> {
+    let pattern = |(order, size): (u32, f64), quarter_turns: f64| {
         let at = |n: &Vector3<f64>| {
             let phase = f64::from(order) * n.y.atan2(n.x) - quarter_turns * TAU;
-            share * n.x.hypot(n.y) * phase.cos()
+            size * n.x.hypot(n.y) * phase.cos()
         };
         normals.iter().map(at).collect()
     };
-    LOBING_ORDERS.flat_map(|order| [0.0, 0.25].map(|turns| pattern(order, turns))).collect()
+    let sizes = size_by_order(total_mm, declared, &LOBING_ORDERS).into_iter();
+    sizes.flat_map(|size| [0.0, 0.25].map(|turns| pattern(size, turns))).collect()
 }
 
 /// Correlation length of a sensor's linearity error, as a part of its range. Two to six waves over the range have 0.04
@@ -143,17 +162,19 @@ pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f
     patterns
 }
 
-/// Translational error motions of the rotary axes (ISO 230-7). Order: axis; harmonic, rising, cosine
-/// before sine; X, Y, Z.
-pub fn rotary_motions(plan: &Plan) -> Vec<RotaryMotion> {
+/// Translational error motions of the rotary axes (ISO 230-7). `possible`: orders that count where an axis
+/// declares none. Order: axis; harmonic, cosine before sine; X, Y, Z.
+pub fn rotary_motions(plan: &Plan, possible: &[u32]) -> Vec<RotaryMotion> {
     let rotary = plan.machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
     let mut motions = Vec::new();
     for (axis, spec) in rotary.filter(|(_, spec)| spec.error_motion_um > 0.0) {
-        let size_mm = spec.error_motion_um * 1e-3 / (MOTION_ORDERS.count() as f64).sqrt();
-        for shape in MOTION_ORDERS.flat_map(|n| [Shape::Cos(n), Shape::Sin(n)]) {
-            let errors = Axis::LINEAR.map(|along| ErrorParameter::new(along, *axis, shape));
-            let errors = errors.into_iter().flatten();
-            motions.extend(errors.map(|error| RotaryMotion { error, size_mm }));
+        let total_mm = spec.error_motion_um * 1e-3;
+        for (n, size_mm) in size_by_order(total_mm, &spec.error_motion_orders, possible) {
+            for shape in [Shape::Cos(n), Shape::Sin(n)] {
+                let errors = Axis::LINEAR.map(|along| ErrorParameter::new(along, *axis, shape));
+                let errors = errors.into_iter().flatten();
+                motions.extend(errors.map(|error| RotaryMotion { error, size_mm }));
+            }
         }
     }
     motions

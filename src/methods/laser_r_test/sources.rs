@@ -122,7 +122,8 @@ impl DwellPoints<'_> {
     }
 
     fn rotary_axes(&self, x: &[f64]) -> UncertaintySource {
-        let motions = declared::rotary_motions(self.bench.plan).into_iter();
+        let motions =
+            declared::rotary_motions(self.bench.plan, &declared::MOTION_ORDERS).into_iter();
         let columns = motions.map(|motion| self.rotary_axis(x, motion));
         UncertaintySource::new("error motions of rotary axes", Effect::Joint(columns.collect()))
     }

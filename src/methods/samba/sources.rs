@@ -9,7 +9,7 @@ use machine::record::artefact::Length;
 use machine::record::plan::Plan;
 
 /// Where the error motions of the rotary axes stand: behind those of the linear axes.
-const ROTARY_PLACE: usize = 4;
+const ROTARY_PLACE: usize = 5;
 
 /// Draws that change nothing are left out.
 pub fn sources(

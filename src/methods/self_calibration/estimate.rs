@@ -6,11 +6,12 @@ use super::model::DRIFTING;
 use super::outputs::{axis_position, dot};
 use super::paper::PaperForm;
 use super::parts::Parts;
+use super::radial_check::RadialCheck;
 use super::sense::Sense;
 use super::settings::Spindle;
 use crate::identification::{MisfitAdvice, unit_slope};
 use machine::Axis;
-use machine::record::estimate::Estimate;
+use machine::record::estimate::{Estimate, Verdict};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     causes: "dirt, a loose part or stylus, drift within a turn",
@@ -27,7 +28,11 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     }
     estimate.gauge = gauge(parts, &estimate);
     estimate.not_identifiable = not_identifiable(parts);
-    estimate.warnings = warnings(parts);
+    let radial = RadialCheck::new(parts);
+    if radial.higher.as_ref().is_some_and(|higher| higher.above) {
+        estimate.verdict = Verdict::UndecidedModel;
+    }
+    estimate.warnings = warnings(parts, &radial);
     estimate
 }
 
@@ -84,14 +89,22 @@ fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
         "co-rotating first harmonic of the error motion: inseparable from the part's set-up"
             .to_owned(),
     ];
-    if !parts.known.is_empty() {
-        let n = parts.fit.layout.design.n;
-        lines.push(format!(
-            "error motions of {axis} at orders {n}, {}, … that the estimates taken as known do not have: \
-             inseparable from EX0{axis} and EY0{axis}",
-            2 * n
-        ));
-    }
+    let n = parts.fit.layout.design.n;
+    lines.push(format!(
+        "error motions of {axis} at orders {n}, {}, …{}: inseparable from EX0{axis} and EY0{axis} (multiples of \
+         positions = {n})",
+        2 * n,
+        if parts.known.is_empty() { "" } else { " that the estimates taken as known do not have" }
+    ));
+    lines.push(
+        match parts.settings.spindle {
+            Spindle::Fixed => {
+                "two lobes of the probe, backlash of X and Y: inseparable from EYY1-EXX1 and EC0Y"
+            }
+            Spindle::Follow => "backlash of X and Y: inseparable from EYY1-EXX1 and EC0Y",
+        }
+        .to_owned(),
+    );
     if parts.settings.spindle == Spindle::Fixed {
         lines.push(format!(
             "stylus offset and odd lobes of the probe: inseparable from EX0{axis} and EY0{axis} with a fixed \
@@ -104,7 +117,7 @@ fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
     lines
 }
 
-fn warnings(parts: &Parts<'_>) -> Vec<String> {
+fn warnings(parts: &Parts<'_>, radial: &RadialCheck) -> Vec<String> {
     let axis = parts.axis.axis;
     let mut lines = Vec::new();
     match parts.sense {
@@ -118,6 +131,7 @@ fn warnings(parts: &Parts<'_>) -> Vec<String> {
         )),
     }
     lines.extend(parts.identification.misfit_warning(&MISFIT_ADVICE));
+    lines.extend(radial.warnings(axis));
     if !parts.timed && parts.settings.drift_order > 0 {
         lines.push(
             "the readings carry no times: their order and the planned machine time served for the \

@@ -108,7 +108,8 @@ pub fn fitted(
 ) -> Result<Fitted, IdentifyError> {
     let (layout, observed) = observe_cycle(plan, settings, axis, readings)?;
     let Observed { observations, half_duration_s, timed, left_out, .. } = observed;
-    let mut sources = sources(plan, &layout, &observations, settings.spindle, half_duration_s);
+    let (spindle, heights) = (settings.spindle, axis.heights);
+    let mut sources = sources(plan, &layout, &observations, spindle, half_duration_s, heights);
     sources.extend(rotary_axis(plan, &layout, &observations, axis));
     let variances = block_covariances::<1>(&sources, observations.len());
     let sigma = variances.iter().map(|variance| variance[0].sqrt()).collect();

@@ -16,6 +16,7 @@ mod outputs;
 mod paper;
 mod parts;
 mod plan;
+mod radial_check;
 mod sense;
 mod settings;
 mod sources;

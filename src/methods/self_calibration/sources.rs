@@ -6,20 +6,21 @@ use super::model::{Layout, Observation};
 use super::observe::ObservedAxis;
 use super::settings::Spindle;
 use crate::identification::declared::{
-    RotaryMotion, drift_mm_per_s, linear_motion_patterns, lobing_patterns, repeatability_mm,
-    resolution_mm, rotary_motions,
+    RotaryMotion, drift_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns,
+    repeatability_mm, resolution_mm, rotary_motions,
 };
 use crate::identification::{self, Effect, EvaluationType, InResiduals, UncertaintySource};
 use machine::kinematics::{ErrorParameter, Shape};
 use machine::record::plan::Plan;
 
-/// All sources, the touches' own scatter first.
+/// All sources, the touches' own scatter first. `heights`: of the touches, machine frame, mm.
 pub fn sources(
     plan: &Plan,
     layout: &Layout,
     seen: &[Observation],
     spindle: Spindle,
     seconds_per_unit: f64,
+    heights: &[f64],
 ) -> Vec<UncertaintySource> {
     let normals: Vec<Vector3<f64>> = seen.iter().map(|s| layout.normal(s.phi)).collect();
     let repeatability = Effect::Each(vec![repeatability_mm(plan); seen.len()]);
@@ -31,7 +32,11 @@ pub fn sources(
         UncertaintySource { shape: identification::Shape::Rectangular, ..resolution },
         absent_in_residuals("stylus offset", stylus_offset(plan, &normals, spindle)),
         absent_in_residuals("probe lobing", lobing(plan, &normals, spindle)),
-        absent_in_residuals("error motions of X and Y", linear_axes(plan, seen, &normals)),
+        absent_in_residuals("backlash", backlash(plan, &normals)),
+        absent_in_residuals(
+            "error motions of X, Y and Z",
+            linear_axes(plan, seen, &normals, heights),
+        ),
     ];
     if layout.drift_order == 0 {
         let columns = drift(plan, seen, &normals, seconds_per_unit);
@@ -52,7 +57,7 @@ fn absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource 
 
 /// Error motions of the axis that is measured: the uncertainty of those that are known, and the declared ones at
 /// orders that are multiples of N, which no grid of N angles tells from the location of the axis (METHODS
-/// section 1). All others are what is measured.
+/// section 1): all of the declared motion where its orders are not known. All others are what is measured.
 pub fn rotary_axis(
     plan: &Plan,
     layout: &Layout,
@@ -65,7 +70,8 @@ pub fn rotary_axis(
         Shape::Cos(n) | Shape::Sin(n) => (n as usize).is_multiple_of(layout.design.n),
         _ => false,
     };
-    let declared = rotary_motions(plan).into_iter().filter(|motion| {
+    let motions = rotary_motions(plan, &[layout.design.n as u32]);
+    let declared = motions.into_iter().filter(|motion| {
         let RotaryMotion { error, .. } = motion;
         error.axis() == axis.axis.axis && is_lost(error) && !axis.known.has(error.component())
     });
@@ -111,9 +117,25 @@ fn drift(
     vec![column(|n| n.x), column(|n| n.y), column(|_| 1.0)]
 }
 
-/// Positioning and straightness errors of X and Y, along the ray.
-fn linear_axes(plan: &Plan, seen: &[Observation], normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
-    let points: Vec<Vector3<f64>> = seen.iter().zip(normals).map(|(s, n)| n * s.radius).collect();
+/// Each axis lags behind the direction of the touch, which is against the ray.
+fn backlash(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
+    let half = half_backlash_mm(plan);
+    [0, 1].map(|k| normals.iter().map(|n| -half[k] * n[k].abs()).collect()).into()
+}
+
+/// Positioning and straightness errors of X, Y and Z, along the ray. Those of Z count from the mean height, at which
+/// the location of the axis is reported.
+fn linear_axes(
+    plan: &Plan,
+    seen: &[Observation],
+    normals: &[Vector3<f64>],
+    heights: &[f64],
+) -> Vec<Vec<f64>> {
+    let mean = heights.iter().sum::<f64>() / heights.len() as f64;
+    let point = |(s, n): (&Observation, &Vector3<f64>)| {
+        n * s.radius + Vector3::z() * (heights[s.height] - mean)
+    };
+    let points: Vec<Vector3<f64>> = seen.iter().zip(normals).map(point).collect();
     let along_ray = |pattern: &[f64], k: usize| {
         pattern.iter().zip(normals).map(|(value, n)| -value * n[k]).collect::<Vec<f64>>()
     };

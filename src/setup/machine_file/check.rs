@@ -26,6 +26,7 @@ pub fn probe(document: &Document, probe: &Probe) -> Checked {
     // Zero would be an infinite weight; "unknown" is said by leaving the key out.
     check.positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
     check.not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
+    check.orders(&["probe", "lobing_orders"], &probe.lobing_orders)?;
     check.not_negative(&["probe", "stylus_offset_um"], probe.stylus_offset_um)?;
     check.positive(&["probe", "overtravel_mm"], probe.overtravel_mm)?;
     check.positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;
@@ -159,6 +160,14 @@ impl Check<'_> {
         self.that(value >= 0.0, key, &format!("is {value}; it must not be negative"))
     }
 
+    /// Harmonic orders: the first is an eccentricity.
+    fn orders(&self, key: &[&str], orders: &[u32]) -> Checked {
+        let is_new = |(i, order): (usize, &u32)| !orders[..i].contains(order);
+        let sound = orders.iter().all(|order| (2..=100).contains(order))
+            && orders.iter().enumerate().all(is_new);
+        self.that(sound, key, "must name orders from 2 to 100, each once")
+    }
+
     /// A wait: none, or not so long that a control seems dead.
     fn short(&self, key: &[&str], seconds: f64) -> Checked {
         let why = format!("is {seconds}; it must be from 0 to 10 s");
@@ -174,7 +183,13 @@ impl Check<'_> {
         self.positive(&key("acceleration_per_s2"), spec.acceleration_per_s2)?;
         self.not_negative(&key("resolution_um"), spec.resolution_um)?;
         self.not_negative(&key("error_motion_um"), spec.error_motion_um)?;
+        self.orders(&key("error_motion_orders"), &spec.error_motion_orders)?;
         let turns = !axis.is_linear() && axis != Axis::S;
+        let has_no_orders = turns || spec.error_motion_orders.is_empty();
+        self.that(has_no_orders, &key("error_motion_orders"), "belongs to A, B or C: remove it")?;
+        self.not_negative(&key("backlash_um"), spec.backlash_um)?;
+        let has_no_backlash = axis.is_linear() || spec.backlash_um == 0.0;
+        self.that(has_no_backlash, &key("backlash_um"), "belongs to X, Y or Z: remove it")?;
         let homes = turns || spec.homing == Homing::Switch;
         self.that(homes, &key("homing"), "is `none`; only A, B or C may have no homing switch")?;
         if let Some(clamp) = &spec.clamp {

@@ -34,7 +34,8 @@ fn regress_repeatability_is_standard_normal_over_steps_and_occurrences() {
 
 #[test]
 fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
-    let at = |seed, phi: f64| Lobing::draw(seed, 2.0).at(Vector3::new(phi.cos(), phi.sin(), 0.0));
+    let at =
+        |seed, phi: f64| Lobing::draw(seed, 2.0, &[]).at(Vector3::new(phi.cos(), phi.sin(), 0.0));
     for phi in [0.0, 1.0, 4.0] {
         assert_moment(mean(|seed| at(seed, phi).powi(2)), 4.0, 4.0);
         assert_moment(mean(|seed| at(seed, phi)), 0.0, 2.0);
@@ -119,7 +120,7 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
     // The same point of the ball: the same pre-travel. Positive pre-travel triggers late.
     assert!((touch(&mut world, 0.3 + 1.1, 1.1, 3).0 - plain).abs() < 1e-9);
     assert!((touch(&mut world, 0.3 + 1.1, 0.0, 4).0 - plain).abs() > 1e-4);
-    let lobing = Lobing::draw(3, 0.005).at(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
+    let lobing = Lobing::draw(3, 0.005, &[]).at(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
     assert!((CIRCLE - plain - lobing).abs() < 1e-9);
 }
 

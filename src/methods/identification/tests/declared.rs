@@ -22,7 +22,7 @@ fn plan() -> Plan {
             "name": "test", "topology": "w-C-B-X-F-Z-Y-S-t", "drift_um_per_h": 7.2,
             "axes": {"X": axis(3.0, 2.0), "Y": axis(4.0, 0.0), "B": axis(0.0, 0.0), "C": axis(0.0, 1.0)},
         },
-        "probe": {"ball_radius_mm": 3.0, "lobing_um": 0.5},
+        "probe": {"ball_radius_mm": 3.0, "lobing_um": 0.5, "lobing_orders": [2, 3, 4, 5, 6]},
         "artefact": {"kind": "balls"},
     }))
     .unwrap()
@@ -86,7 +86,9 @@ fn regress_linear_motions_have_the_declared_covariance() {
 /// Of C alone: four harmonics, cosine and sine, along X, Y and Z; at each angle the declared variance.
 #[test]
 fn regress_rotary_motions_share_the_declared_variance() {
-    let motions = rotary_motions(&plan());
+    let mut plan = plan();
+    plan.machine.axes.get_mut(&Axis::C).unwrap().error_motion_orders = vec![2, 3, 4, 5];
+    let motions = rotary_motions(&plan, &[8]);
     assert_eq!(motions.len(), 4 * 2 * 3);
     assert!(motions.iter().all(|motion| motion.error.axis() == Axis::C));
     let total: f64 = motions.iter().map(|motion| motion.size_mm.powi(2)).sum();
@@ -94,4 +96,21 @@ fn regress_rotary_motions_share_the_declared_variance() {
     assert_near(total / 2.0, 3.0 * 1e-6, 1e-18);
     let symbols: Vec<String> = motions[..4].iter().map(|motion| motion.error.to_string()).collect();
     assert_eq!(symbols, ["EXC_cos2", "EYC_cos2", "EZC_cos2", "EXC_sin2"]);
+}
+
+/// Any order may have all of a total whose orders are not declared.
+#[test]
+fn each_order_that_is_not_declared_counts_with_the_whole() {
+    let mut plan = plan();
+    let motions = rotary_motions(&plan, &[3, 8]);
+    assert_eq!(motions.len(), 2 * 2 * 3);
+    assert!(motions.iter().all(|motion| motion.size_mm == 1e-3));
+    plan.probe.lobing_orders.clear();
+    let patterns = lobing_patterns(&plan, &[Vector3::x()]);
+    let sizes: Vec<f64> = patterns.iter().step_by(2).map(|pattern| pattern[0]).collect();
+    assert_eq!(sizes, [0.5e-3; 5]);
+    plan.probe.lobing_orders = vec![3];
+    let three_lobes = lobing_patterns(&plan, &[Vector3::x(), -Vector3::x()]);
+    assert_eq!(three_lobes.len(), 2);
+    assert_near(three_lobes[0][0] + three_lobes[0][1], 0.0, 1e-18);
 }

@@ -1,0 +1,128 @@
+//! The radial error of X and Y against the declared sources: no residual contains it, because each of its values is an
+//! unknown.
+
+use std::f64::consts::TAU;
+
+use faer::{Mat, Side};
+
+use super::model::Layout;
+use super::outputs::dot;
+use super::parts::Parts;
+use estimation::coverage::chi_square_bounds;
+
+/// Probability that χ² stays within its bounds where all is as declared; the upper tail counts.
+const CREDIBLE: f64 = 0.998;
+/// Eigenvalues of the scaled covariance below this part of the largest are rounding errors.
+const NEGLIGIBLE: f64 = 1e-9;
+/// The second harmonic is scale difference and squareness of X and Y.
+const PARAMETER_ORDER: usize = 2;
+
+/// Harmonics of E_radial, together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RadialHarmonics {
+    /// Root of the sum of squares of the cosine and sine parts, mm.
+    pub size_mm: f64,
+    pub chi2: f64,
+    /// Its mean where all is as declared.
+    pub expected: f64,
+    /// Beyond what the declared sources explain.
+    pub above: bool,
+}
+
+/// The second harmonic, which is reported as parameters, and those above it, which no parameter takes. `None`: the
+/// grid has none.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RadialCheck {
+    pub second: Option<RadialHarmonics>,
+    pub higher: Option<RadialHarmonics>,
+}
+
+impl RadialCheck {
+    pub fn new(parts: &Parts<'_>) -> Self {
+        let highest = parts.fit.layout.design.n / 2;
+        let of_orders = |orders: std::ops::RangeInclusive<usize>| {
+            let slopes: Vec<Vec<f64>> =
+                orders.flat_map(|order| slopes(&parts.fit.layout, order)).collect();
+            harmonics(parts, &slopes)
+        };
+        Self {
+            second: of_orders(PARAMETER_ORDER..=PARAMETER_ORDER),
+            higher: of_orders(PARAMETER_ORDER + 1..=highest),
+        }
+    }
+
+    pub fn warnings(&self, axis: machine::Axis) -> Vec<String> {
+        let mut lines = Vec::new();
+        let line = |what: &str, of: &RadialHarmonics, meaning: String| {
+            let (um, chi2, expected) = (of.size_mm * 1e3, of.chi2, of.expected);
+            format!(
+                "{what} {um:.2} um, more than the declared sources explain (χ² {chi2:.1} where \
+                     {expected:.0} is expected): {meaning}"
+            )
+        };
+        if let Some(second) = self.second.as_ref().filter(|second| second.above) {
+            lines.push(line(
+                "the second harmonic of E_radial_XY is",
+                second,
+                "EYY1-EXX1 and EC0Y take it as a property of the axes. A probe with two lobes, or backlash of X or Y, \
+                 has the same effect; declare lobing_um and backlash_um as large as they may be"
+                    .to_owned(),
+            ));
+        }
+        if let Some(higher) = self.higher.as_ref().filter(|higher| higher.above) {
+            lines.push(line(
+                "the harmonics of E_radial_XY above the second are",
+                higher,
+                format!(
+                    "lobing of the probe, backlash or error motions of X and Y are larger than lobing_um, \
+                     backlash_um and error_motion_um state. U of EX0{axis} and EY0{axis} is a lower bound"
+                ),
+            ));
+        }
+        lines
+    }
+}
+
+/// Coefficients over the unknowns of the cosine and the sine part of a harmonic of E_radial, mean of the heights.
+fn slopes(layout: &Layout, order: usize) -> Vec<Vec<f64>> {
+    let n = layout.design.n;
+    let part = |quarter_turns: f64| {
+        let mut slope = vec![0.0; layout.unknowns()];
+        for height in 0..layout.heights {
+            for i in 0..n {
+                let phase = order as f64 * layout.design.angle(i) - quarter_turns * TAU;
+                let weight = 2.0 / (n * layout.heights) as f64;
+                slope[layout.er(height, i)] += weight * phase.cos();
+            }
+        }
+        slope
+    };
+    // On an even grid the highest order has no sine.
+    let parts: &[f64] = if 2 * order == n { &[0.0] } else { &[0.0, 0.25] };
+    parts.iter().map(|turns| part(*turns)).collect()
+}
+
+fn harmonics(parts: &Parts<'_>, slopes: &[Vec<f64>]) -> Option<RadialHarmonics> {
+    let unknowns = parts.fit.layout.unknowns();
+    let values: Vec<f64> = slopes.iter().map(|slope| dot(slope, &parts.fit.x)).collect();
+    let slopes = Mat::from_fn(slopes.len(), unknowns, |i, j| slopes[i][j]);
+    let covariance = parts.identification.propagation.covariance(&slopes);
+    let (chi2, rank) = weighted_square(&values, &covariance)?;
+    let (_, upper) = chi_square_bounds(rank as f64, CREDIBLE)?;
+    let size_mm = values.iter().map(|value| value * value).sum::<f64>().sqrt();
+    Some(RadialHarmonics { size_mm, chi2, expected: rank as f64, above: chi2 > upper })
+}
+
+/// vᵀ·C⁺·v and the rank of C.
+fn weighted_square(values: &[f64], covariance: &Mat<f64>) -> Option<(f64, usize)> {
+    let eigen = covariance.self_adjoint_eigen(Side::Lower).ok()?;
+    let variances = eigen.S().column_vector();
+    let largest = variances.iter().copied().fold(0.0, f64::max);
+    let kept = (0..values.len()).filter(|j| variances[*j] > NEGLIGIBLE * largest);
+    let square = |j: usize| {
+        let along: f64 = (0..values.len()).map(|i| eigen.U()[(i, j)] * values[i]).sum();
+        along * along / variances[j]
+    };
+    let squares: Vec<f64> = kept.map(square).collect();
+    (!squares.is_empty()).then(|| (squares.iter().sum(), squares.len()))
+}
