@@ -89,6 +89,7 @@ fn example() -> Estimate {
         verdict: Verdict::Pass,
         decision_rule: None,
         warnings: vec!["holds at the height Z = 62 mm only".to_owned()],
+        outliers: Vec::new(),
         priors: Vec::new(),
         measured: Default::default(),
     }

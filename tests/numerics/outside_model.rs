@@ -268,6 +268,51 @@ fn backlash_that_is_not_declared_is_flagged() {
     assert_flagged(&case, 0.1, 1300);
 }
 
+/// The largest size that a touch must be off to be found with a probability of 95 %, as the estimate states it.
+fn largest_found_mm(estimate: &Estimate) -> f64 {
+    let states = |line: &&String| line.starts_with("deviations of a single touch");
+    let line = estimate.not_identifiable.iter().find(states).unwrap();
+    let (_, size) = line.split_once(" to ").unwrap();
+    size.split_once(" µm").unwrap().0.parse::<f64>().unwrap() * 1e-3
+}
+
+/// A chip lifts one touch of the cycle off by as much as the estimate states, and by 20 um: it is named, alone or with
+/// those that look the same, and no verdict is based on it.
+#[test]
+fn a_touch_that_is_off_is_named() {
+    let worlds = population(100);
+    let case = Case { common: &[], declared: &[], world: &[], deviation: none };
+    let stated_mm = largest_found_mm(&case.estimate(1).0);
+    for size_mm in [stated_mm, 0.02] {
+        let is_named = |seed: u64| {
+            let (file, plan, mut readings, _) = case.measured(seed);
+            let (method, _) = setup::header(&file, "self-calibration", None).unwrap();
+            // The first five locate the part; those of its top are no part of the identification.
+            let step_of =
+                |reading: &Reading| plan.steps.iter().find(|s| s.id == reading.step).unwrap();
+            let is_radial = |reading: &&mut Reading| step_of(reading).normal[2] == 0.0;
+            let mut radial: Vec<_> = readings.iter_mut().skip(5).filter(is_radial).collect();
+            let number = stream(seed, &[0x6368_6970]).random_range(0..radial.len());
+            let off = &mut radial[number];
+            let step = step_of(off);
+            let displayed = off.position.xyz() + Vector3::from(step.normal) * size_mm;
+            for (axis, value) in Axis::LINEAR.into_iter().zip(displayed.iter()) {
+                off.position.set(axis, *value);
+            }
+            let estimate = method.identify(&plan, &readings).unwrap();
+            let candidates = estimate.outliers.iter().flat_map(|outlier| &outlier.candidates);
+            let found = candidates.filter(|one| one.label == step.label);
+            let is_so_much = |um: f64| (um * 1e-3 - size_mm).abs() < 0.4 * stated_mm;
+            let is_named = found.map(|one| one.deviation_um).any(is_so_much);
+            is_named && estimate.verdict == Verdict::UndecidedModel
+        };
+        let seeds = (1500..1500 + worlds).into_par_iter();
+        let named = seeds.filter(|seed| is_named(*seed)).count() as u64;
+        println!("{size_mm} mm: {named} of {worlds} named");
+        assert!(named * 100 >= 95 * worlds, "{named} of {worlds}");
+    }
+}
+
 /// All alarms of a sound machine together: 1 %.
 #[test]
 fn a_sound_machine_is_not_flagged() {

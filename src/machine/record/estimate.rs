@@ -244,6 +244,24 @@ impl fmt::Display for Verdict {
     }
 }
 
+/// A measurement that is far from what all others make expected. It is in the estimate: a person decides whether its
+/// readings are flagged `excluded`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Outlier {
+    /// Several where the readings cannot tell which of them is off.
+    pub candidates: Vec<Deviation>,
+    /// Externally studentised residual.
+    pub t: f64,
+}
+
+/// Of one measurement, as the plan labels it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Deviation {
+    pub label: String,
+    /// Measured less expected by all others, outward along the touch; of a ball the length of the displacement.
+    pub deviation_um: f64,
+}
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     pub trued_estimate: u32,
@@ -274,6 +292,9 @@ pub struct Estimate {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decision_rule: Option<String>,
     pub warnings: Vec<String>,
+    /// Measurements that are far from all others.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub outliers: Vec<Outlier>,
     /// Hashes of the estimates taken as known.
     pub priors: Vec<String>,
     /// Ranges of the axes over which it was measured, mm and degrees.

@@ -76,6 +76,7 @@ impl Identification {
             verdict: if misfit.above { Verdict::UndecidedModel } else { Verdict::None },
             decision_rule: None,
             warnings: Vec::new(),
+            outliers: Vec::new(),
             priors: Vec::new(),
             measured: BTreeMap::new(),
         }

@@ -15,6 +15,7 @@ mod harmonics;
 mod known_errors;
 mod known_motions;
 mod model;
+mod outliers;
 mod outputs;
 mod periodic_points;
 mod propagation;
@@ -33,6 +34,7 @@ pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
     multiply, rms, solve_each_trial,
 };
+pub use outliers::{FarMeasurement, RowResiduals, are_alike};
 pub use outputs::{
     Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope,
 };
@@ -43,7 +45,7 @@ pub use source::{
     block_covariances, prior_covariance,
 };
 pub use trials::{TrialPlan, propagate_by_trials};
-pub use warnings::MisfitAdvice;
+pub use warnings::{MisfitAdvice, outlier_warning};
 
 #[cfg(test)]
 mod tests;

@@ -8,11 +8,10 @@ use super::fit::vector;
 use super::harmonics;
 use super::left_out::{LeftOut, in_words, left_out};
 use super::solution::GeometrySolution;
-use super::suspects::Outlier;
 use super::warnings::{self, place_name};
-use crate::identification::{Identification, Output, Outputs, reported_unit};
+use crate::identification::{FarMeasurement, Identification, Output, Outputs, reported_unit};
 use machine::kinematics::{ErrorParameter, Shape};
-use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Estimate, Unit, VectorKind};
+use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Estimate, Unit, VectorKind, Verdict};
 use machine::{Axis, Position};
 
 /// Members of the least certain direction that are named, and how small a part still counts.
@@ -29,22 +28,25 @@ pub fn outputs(solved: &GeometrySolution<'_>) -> Outputs {
 }
 
 pub fn estimate(solved: &GeometrySolution<'_>, identified: &Identification) -> Estimate {
-    let outliers = solved.outliers();
+    let far = solved.far_measurements();
     let left_out = left_out(solved.problem.model());
+    let estimate = identified.estimate(super::NAME);
     Estimate {
-        arrows: vec![arrows(solved, &outliers)],
+        arrows: vec![arrows(solved, &far)],
+        verdict: if far.is_empty() { estimate.verdict } else { Verdict::UndecidedModel },
+        outliers: far.iter().map(|far| solved.outlier(far)).collect(),
         weakest: weakest(solved),
         gauge: gauge(solved, &left_out),
         not_identifiable: [in_words(&left_out), solved.thin()].concat(),
-        warnings: warnings::warnings(solved, identified, &outliers),
-        ..identified.estimate(super::NAME)
+        warnings: warnings::warnings(solved, identified, &far),
+        ..estimate
     }
 }
 
-fn arrows(solved: &GeometrySolution<'_>, outliers: &[Outlier]) -> ArrowFigure {
+fn arrows(solved: &GeometrySolution<'_>, far: &[FarMeasurement]) -> ArrowFigure {
     let GeometrySolution { problem, minimum, observed, balls, .. } = solved;
     let misses = solved.misses();
-    let flagged: BTreeSet<usize> = outliers.iter().map(|outlier| outlier.sight).collect();
+    let flagged: BTreeSet<usize> = far.iter().map(|far| far.number).collect();
     let arrow = |i: usize| {
         let ball = observed.centres[i].ball;
         Arrow {

@@ -5,9 +5,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::model::length_u_mm;
 use super::solution::GeometrySolution;
+use crate::identification::{FarMeasurement, RowResiduals};
 use estimation::coverage;
 use machine::Axis;
 use machine::kinematics::Shape;
+use machine::record::estimate::{Deviation, Outlier};
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM: f64 = 1e-3;
@@ -18,14 +20,6 @@ const ALONE: f64 = 1.0 - 1e-4;
 /// Disagreement of a certified length with its balls that no machine has, mm/mm.
 const DISAGREES: f64 = 1e-4;
 
-/// A measurement that is far from the rest.
-#[derive(Debug, Clone, Copy)]
-pub struct Outlier {
-    pub sight: usize,
-    /// Largest externally studentised residual of its three rows.
-    pub t: f64,
-}
-
 impl GeometrySolution<'_> {
     fn id(&self, ball: usize) -> &str {
         self.balls.balls.get(ball).map_or("", |ball| ball.id.as_str())
@@ -35,30 +29,30 @@ impl GeometrySolution<'_> {
         self.minimum.residuals.iter().map(|r| r * r).sum()
     }
 
-    /// Measurements whose externally studentised residuals are beyond the limit of Student's t for so
-    /// many of them (Bonferroni).
-    pub fn outliers(&self) -> Vec<Outlier> {
-        let (chi2, dof) = (self.chi2(), self.dof());
-        if dof < 2 {
-            return Vec::new();
-        }
+    /// Measurements that are far from all others.
+    pub fn far_measurements(&self) -> Vec<FarMeasurement> {
         let leverage = self.minimum.factored.leverage();
-        let count = self.observed.centres.len();
-        let probability = 1.0 - FALSE_ALARM / (3 * count) as f64;
-        let limit = coverage::two_sided(probability, (dof - 1) as f64);
-        let studentised = |row: usize| {
-            let own = self.minimum.residuals[row].powi(2) / (1.0 - leverage[row]).max(1e-9);
-            let others = ((chi2 - own) / (dof - 1) as f64).max(f64::MIN_POSITIVE);
-            if leverage[row] > ALONE { 0.0 } else { (own / others).sqrt() }
-        };
-        (0..count)
-            .map(|sight| {
-                let rows = self.problem.row_of(sight)..;
-                let t = rows.take(3).map(studentised).fold(0.0, f64::max);
-                Outlier { sight, t }
-            })
-            .filter(|outlier| outlier.t > limit)
-            .collect()
+        let first = |sight| self.problem.row_of(sight);
+        let rows = (0..self.observed.centres.len()).map(|sight| first(sight)..first(sight) + 3);
+        RowResiduals {
+            residuals: &self.minimum.residuals,
+            leverage: &leverage,
+            dof: self.dof(),
+            is_declared: self.plan.probe.repeatability_um.is_some(),
+            rows: rows.collect(),
+        }
+        .far_measurements()
+    }
+
+    /// The measurement as the estimate lists it.
+    pub fn outlier(&self, far: &FarMeasurement) -> Outlier {
+        let label = self.observed.centres[far.number].label.to_string();
+        let measurement = label.rsplit_once('/').map_or(&*label, |(measurement, _)| measurement);
+        let leverage = self.minimum.factored.leverage();
+        let own = leverage.iter().skip(self.problem.row_of(far.number)).take(3).sum::<f64>() / 3.0;
+        let miss = self.misses()[far.number].norm();
+        let (label, deviation_um) = (measurement.to_owned(), 1e3 * miss / (1.0 - own));
+        Outlier { candidates: vec![Deviation { label, deviation_um }], t: far.t }
     }
 
     /// The ball, if any, of which a step on the table between two visits explains what the model does

@@ -1,9 +1,8 @@
 //! What a reader of the estimate must know beside its numbers.
 
 use super::solution::GeometrySolution;
-use super::suspects::Outlier;
 use crate::ball_measurement::tilts_table;
-use crate::identification::{Identification, MisfitAdvice};
+use crate::identification::{FarMeasurement, Identification, MisfitAdvice, outlier_warning};
 use machine::Position;
 use machine::kinematics::{ErrorParameter, Shape};
 
@@ -15,12 +14,12 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 pub fn warnings(
     solved: &GeometrySolution<'_>,
     identified: &Identification,
-    outliers: &[Outlier],
+    far: &[FarMeasurement],
 ) -> Vec<String> {
     let mut lines = solved.observed.left_out.clone();
     lines.extend(misfit(solved, identified));
     lines.extend(solved.moved());
-    lines.extend(outliers.iter().map(|outlier| far_off(solved, outlier)));
+    lines.extend(far.iter().map(|far| far_off(solved, far)));
     lines.extend(solved.length_disagreements());
     lines.extend(unsound_balls(solved));
     lines.extend(cold(solved));
@@ -57,17 +56,16 @@ fn where_sag_goes(solved: &GeometrySolution<'_>) -> String {
     format!(". Sag of the table as {tilting} tilts it would stand in {}", names.join(", "))
 }
 
-fn far_off(solved: &GeometrySolution<'_>, outlier: &Outlier) -> String {
+fn far_off(solved: &GeometrySolution<'_>, far: &FarMeasurement) -> String {
     let observed = &solved.observed;
-    let sight = &observed.centres[outlier.sight];
-    format!(
-        "ball {} at indexation {} ({}) is {:.1} standard deviations off the rest: dirt, loose ball or \
-         wrong stylus? It is kept; flag its readings `excluded` to leave it out",
+    let sight = &observed.centres[far.number];
+    let what = format!(
+        "ball {} at indexation {} ({})",
         sight.label.ball,
         sight.label.number(),
         place_name(&observed.commanded[sight.commanded]),
-        outlier.t
-    )
+    );
+    outlier_warning(&solved.outlier(far), |_| what.clone())
 }
 
 /// Spheres that are none, and diameters that differ: from the stated ones, less what all have in

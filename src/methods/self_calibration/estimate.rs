@@ -3,6 +3,7 @@
 use super::axis_circle::add_axis_circle;
 use super::axis_position::{add_axis_position, stated_and_measured};
 use super::model::DRIFTING;
+use super::outliers::{TouchCheck, in_words};
 use super::outputs::{axis_position, dot};
 use super::paper::PaperForm;
 use super::parts::Parts;
@@ -11,7 +12,7 @@ use super::sense::Sense;
 use super::settings::Spindle;
 use crate::identification::{MisfitAdvice, unit_slope};
 use machine::Axis;
-use machine::record::estimate::{Estimate, Verdict};
+use machine::record::estimate::{Estimate, Outlier, Verdict};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     causes: "dirt, a loose part or stylus, drift within a turn",
@@ -29,10 +30,14 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     estimate.gauge = gauge(parts, &estimate);
     estimate.not_identifiable = not_identifiable(parts);
     let radial = RadialCheck::new(parts);
-    if radial.higher.as_ref().is_some_and(|higher| higher.above) {
+    let checked = TouchCheck::new(parts);
+    estimate.outliers = checked.outliers();
+    estimate.not_identifiable.extend(checked.smallest_found());
+    let is_radial_above = radial.higher.as_ref().is_some_and(|higher| higher.above);
+    if is_radial_above || !estimate.outliers.is_empty() {
         estimate.verdict = Verdict::UndecidedModel;
     }
-    estimate.warnings = warnings(parts, &radial);
+    estimate.warnings = warnings(parts, &radial, &estimate.outliers);
     estimate
 }
 
@@ -117,7 +122,7 @@ fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
     lines
 }
 
-fn warnings(parts: &Parts<'_>, radial: &RadialCheck) -> Vec<String> {
+fn warnings(parts: &Parts<'_>, radial: &RadialCheck, outliers: &[Outlier]) -> Vec<String> {
     let axis = parts.axis.axis;
     let mut lines = Vec::new();
     match parts.sense {
@@ -131,6 +136,7 @@ fn warnings(parts: &Parts<'_>, radial: &RadialCheck) -> Vec<String> {
         )),
     }
     lines.extend(parts.identification.misfit_warning(&MISFIT_ADVICE));
+    lines.extend(outliers.iter().map(in_words));
     lines.extend(radial.warnings(axis));
     if !parts.timed && parts.settings.drift_order > 0 {
         lines.push(

@@ -12,6 +12,7 @@ mod gaps;
 mod identify;
 mod model;
 mod observe;
+mod outliers;
 mod outputs;
 mod paper;
 mod parts;

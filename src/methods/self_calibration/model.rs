@@ -18,6 +18,8 @@ use machine::Axis;
 /// One reading, reduced to the grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
+    /// Id of the step that was read.
+    pub step: u32,
     pub height: usize,
     pub c: usize,
     pub phi: usize,

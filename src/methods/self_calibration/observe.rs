@@ -165,6 +165,7 @@ fn reduce(
     let height = nearest(heights, centre.z);
     let off = centre - axis.at_height(heights[height]);
     Ok(Observation {
+        step: step.id,
         height,
         c: grid_index(design, planned * axis.sense),
         phi: grid_index(design, phi),

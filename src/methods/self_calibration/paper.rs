@@ -64,5 +64,13 @@ impl PaperForm {
 
 fn place(touch: Touch) -> Observation {
     debug_assert!(!matches!(touch.test, Test::Reference(_)));
-    Observation { height: 0, c: touch.c, phi: touch.phi, radius: 0.0, lateral: 0.0, time: 0.0 }
+    Observation {
+        step: 0,
+        height: 0,
+        c: touch.c,
+        phi: touch.phi,
+        radius: 0.0,
+        lateral: 0.0,
+        time: 0.0,
+    }
 }

@@ -198,6 +198,7 @@ fn identified_axis(part: &RoundPart, n: usize, second_order: bool) -> [f64; 2] {
         .cycle(false)
         .into_iter()
         .map(|t| Observation {
+            step: 0,
             height: 0,
             c: t.c,
             phi: t.phi,
@@ -305,7 +306,7 @@ fn regress_drift_needs_references_only_where_it_says_so() {
             let (sin, cos) = design.angle(t.phi).sin_cos();
             let drift = time * (rate[0] * cos + rate[1] * sin + rate[2]);
             let radius = part.radius(design.angle(t.c), design.angle(t.phi)) + drift;
-            Observation { height: 0, c: t.c, phi: t.phi, radius, lateral: 0.0, time }
+            Observation { step: 0, height: 0, c: t.c, phi: t.phi, radius, lateral: 0.0, time }
         })
         .collect();
     let layout = Layout { design, heights: 1, drift_order: 1, gaps: Vec::new() };
@@ -327,6 +328,7 @@ fn regress_the_default_design_is_well_posed_for_any_n() {
             .iter()
             .enumerate()
             .map(|(i, t)| Observation {
+                step: 0,
                 height: 0,
                 c: t.c,
                 phi: t.phi,

@@ -3,6 +3,7 @@
 mod declared;
 mod estimates;
 mod known_motions;
+mod outliers;
 mod propagation;
 mod sources;
 mod spectrum;

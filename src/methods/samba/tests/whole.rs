@@ -330,7 +330,7 @@ fn regress_a_dirty_measurement_is_flagged_and_kept() {
     };
     let estimate = dirty.identify().unwrap();
     println!("{:#?}", estimate.warnings);
-    assert!(says(&estimate, &["at indexation 41", "It is kept"]));
+    assert!(says(&estimate, &["at indexation 41", "It is in the result"]));
     let flagged =
         estimate.arrows[0].groups.iter().flat_map(|g| &g.arrows).filter(|a| a.flagged).count();
     assert_eq!((flagged, estimate.degrees_of_freedom), (1, 294));

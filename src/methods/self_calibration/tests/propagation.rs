@@ -30,7 +30,7 @@ fn noisy_fit(noise_mm: f64, second_order: bool) -> Fit {
         let (c, phi) = (touch.c, touch.phi);
         let deviation: f64 = noise.next().unwrap();
         let radius = part.radius(design.angle(c), design.angle(phi)) + noise_mm * deviation;
-        Observation { height: 0, c, phi, radius, lateral: 0.0, time: 0.0 }
+        Observation { step: 0, height: 0, c, phi, radius, lateral: 0.0, time: 0.0 }
     });
     let observations: Vec<Observation> = observations.collect();
     let sigma = vec![SIGMA_MM; observations.len()];
