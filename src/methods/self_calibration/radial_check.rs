@@ -56,7 +56,7 @@ impl RadialCheck {
         let line = |what: &str, of: &RadialHarmonics, meaning: String| {
             let (um, chi2, expected) = (of.size_mm * 1e3, of.chi2, of.expected);
             format!(
-                "{what} {um:.2} um, more than the declared sources explain (χ² {chi2:.1} where \
+                "{what} {um:.2} µm, more than the declared sources explain (χ² {chi2:.1} where \
                      {expected:.0} is expected): {meaning}"
             )
         };
@@ -103,6 +103,9 @@ fn slopes(layout: &Layout, order: usize) -> Vec<Vec<f64>> {
 }
 
 fn harmonics(parts: &Parts<'_>, slopes: &[Vec<f64>]) -> Option<RadialHarmonics> {
+    if slopes.is_empty() {
+        return None;
+    }
     let unknowns = parts.fit.layout.unknowns();
     let values: Vec<f64> = slopes.iter().map(|slope| dot(slope, &parts.fit.x)).collect();
     let slopes = Mat::from_fn(slopes.len(), unknowns, |i, j| slopes[i][j]);
