@@ -17,7 +17,7 @@ const NEAR: usize = 16;
 /// So many balls are tried as the first of a visit.
 const FIRSTS: usize = 4;
 /// Touches of a measurement that is no check of form.
-const FIVE: usize = 5;
+const TOUCHES_WITHOUT_FORM: usize = 5;
 
 /// As [`super::balls_in_order`], by the time that each way takes as it is planned, with all its heights: worth its time for many
 /// balls that stand at different heights. Then how to go round each; a check of form, of more than five touches, goes
@@ -40,7 +40,7 @@ pub fn balls_by_planned_ways(
         visit.balls = order.iter().filter_map(|place| visit.balls.get(*place).copied()).collect();
         let balls: Vec<&Vec<Step>> = order.iter().filter_map(|place| balls.get(*place)).collect();
         let around = match setup.touch.touches {
-            FIVE => quickest(&planner.ball_ways(&balls, stands.as_ref())?),
+            TOUCHES_WITHOUT_FORM => quickest(&planner.ball_ways(&balls, stands.as_ref())?),
             _ => vec![Around::default(); balls.len()],
         };
         if let (Some(steps), Some(around)) = (balls.last(), around.last()) {

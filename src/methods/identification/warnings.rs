@@ -19,9 +19,9 @@ pub fn outlier_warning(outlier: &Outlier, in_words: impl Fn(&str) -> String) -> 
         format!("{} by {:.1} µm", in_words(&candidate.label), candidate.deviation_um)
     };
     let candidates: Vec<String> = outlier.candidates.iter().map(candidate).collect();
-    let or = if candidates.len() > 1 { " (the readings do not tell which)" } else { "" };
+    let doubt = if candidates.len() > 1 { " (the readings do not tell which)" } else { "" };
     format!(
-        "off what all others make expected: {}{or}, {:.1} standard deviations, which the declared sources do not \
+        "off what all others make expected: {}{doubt}, {:.1} standard deviations, which the declared sources do not \
          explain. Dirt, a chip, a loose part? It is in the result; flag its readings `excluded` to leave it out",
         candidates.join(" or "),
         outlier.t
