@@ -5,9 +5,8 @@
 //! After a fault or a stop the machine holds and stays: nothing here moves it again.
 
 mod again;
+mod ahead;
 mod asking;
-#[cfg(test)]
-mod asking_tests;
 mod behind;
 mod counted_turn;
 mod cycle;
@@ -24,6 +23,8 @@ mod scan_in_motion;
 mod stage;
 mod stands;
 mod sweep;
+#[cfg(test)]
+mod tests;
 mod timeline;
 mod warmth;
 mod watched_sensors;
@@ -39,6 +40,7 @@ pub use identify::{
 pub use resume::{Interrupted, can_resume};
 pub use stage::{Rehearsed, rehearse};
 
+use self::ahead::Ahead;
 use self::asking::first_question;
 use self::timeline::Timeline;
 use self::warmth::Warmth;
@@ -47,7 +49,7 @@ use crate::store::{Journal, RunId, RunState};
 use devices::controllers::describe_not_readable;
 use machine::Position;
 use machine::record::event::Event;
-use machine::record::plan::{Plan, Stage};
+use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 use methods::{Method, Next, Source};
 use planning::Confirmed;
@@ -77,6 +79,7 @@ pub struct Run<'a> {
     answers: Answers,
     answered: Vec<(u32, u32)>,
     warmth: Warmth,
+    ahead: Ahead,
     /// A person, a touch or a sensor has shown it since the machine was prepared.
     probe_lives: bool,
     /// Told of everything that happens, after it is durable.
@@ -109,6 +112,7 @@ impl<'a> Run<'a> {
             answers: Answers::nobody(),
             answered: Vec::new(),
             warmth: Warmth::default(),
+            ahead: Ahead::default(),
             probe_lives: false,
             tell,
         }
@@ -149,18 +153,25 @@ impl<'a> Run<'a> {
     }
 
     async fn measure(&mut self) -> Result<(), RunError> {
-        let (stage_s, steps) =
-            stage::rehearsed(self.method, &self.plan, &self.devices.dialect).await?;
+        let steps = self.rehearse().await?;
         self.can_sweep(&steps)?;
         self.can_ask(first_question(&steps))?;
         // What the method refuses is refused before anything moves.
         self.next(&[])?;
         let planned = Plan { steps, ..self.plan.clone() };
-        for text in self.method.forecast(&planned, stage_s.iter().sum())? {
+        for text in self.method.forecast(&planned, self.ahead.machine_s())? {
             self.note(Event::Announced { text }).await?;
         }
         let stands = self.prepare().await?;
-        self.stages(Vec::new(), Some(stands), &stage_s).await
+        self.stages(Vec::new(), Some(stands)).await
+    }
+
+    /// From nominal positions: what is ahead, and its steps.
+    async fn rehearse(&mut self) -> Result<Vec<Step>, RunError> {
+        let (ahead, steps) =
+            stage::rehearsed(self.method, &self.plan, &self.devices.dialect).await?;
+        self.ahead = ahead;
+        Ok(steps)
     }
 
     /// Where the machine stands, ready.
@@ -181,22 +192,19 @@ impl<'a> Run<'a> {
         Ok(self.live_check().await?.unwrap_or(prepared.stands))
     }
 
-    /// All stages after the `done` ones, to the end. `stage_s`: machine time of each, as far as it
-    /// is known.
+    /// All stages after the `done` ones, to the end.
     async fn stages(
         &mut self,
         mut done: Vec<Stage>,
         mut stands: Option<Position>,
-        stage_s: &[f64],
     ) -> Result<(), RunError> {
-        let mut stage_s = stage_s.iter();
         let mut next = self.next(&done)?;
         while let Next::Stage { stage, new_steps } = next {
             self.plan.steps.extend(new_steps.iter().cloned());
             self.journal.stage(self.id, &stage, &new_steps).await?;
             self.note(Event::StageStarted { stage: stage.clone() }).await?;
-            stage_s.next();
-            stands = self.run_stage(&done, &stage, stands, stage_s.as_slice().iter().sum()).await?;
+            self.ahead.begin(&stage.name);
+            stands = self.run_stage(&done, &stage, stands).await?;
             done.push(stage);
             next = self.next(&done)?;
         }

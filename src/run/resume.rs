@@ -57,6 +57,8 @@ impl Run<'_> {
         for stage in &stages {
             self.can_ask(self.open_questions(stage)?.first().map(|asked| asked.text.as_str()))?;
         }
+        self.rehearse().await?;
+        stages.iter().for_each(|stage| self.ahead.begin(&stage.name));
         let stands = self.prepare().await?;
         self.journal.set_state(self.id, RunState::Running).await?;
         // Known before the first touch: whatever is read from here on was read after the gap.
@@ -73,7 +75,7 @@ impl Run<'_> {
             self.measure_references(&stages, stands).await?
         };
         let (done, stands) = self.finish_stage(stages, stands).await?;
-        self.stages(done, stands, &[]).await
+        self.stages(done, stands).await
     }
 
     /// A person has turned the artefact on its stage, and nothing was read since.
@@ -96,7 +98,7 @@ impl Run<'_> {
             let stage = References::of(&self.plan, &self.readings[..count]).stage(&stages);
             self.journal.stage(self.id, &stage, &[]).await?;
             self.note(Event::StageStarted { stage: stage.clone() }).await?;
-            stands = self.run_stage(&stages, &stage, stands, 0.0).await?;
+            stands = self.run_stage(&stages, &stage, stands).await?;
             stages.push(stage);
         }
         let (before, after) = self.readings.split_at(count);
@@ -132,7 +134,7 @@ impl Run<'_> {
             return Ok((stages, stands));
         }
         self.note(Event::StageStarted { stage: rest.clone() }).await?;
-        let stands = self.run_stage(&stages, &rest, stands, 0.0).await?;
+        let stands = self.run_stage(&stages, &rest, stands).await?;
         Ok((stages, stands))
     }
 }

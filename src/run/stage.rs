@@ -2,6 +2,7 @@
 
 use tokio::sync::oneshot;
 
+use super::ahead::{Ahead, RehearsedStage};
 use super::asking::first_question;
 use super::behind::{COMPUTING, behind};
 use super::{Run, RunError};
@@ -45,14 +46,12 @@ struct Begin {
 }
 
 impl Run<'_> {
-    /// `done`: the stages before; `later_s`: machine time of the stages to come. Returns where the
-    /// machine stands at the end.
+    /// `done`: the stages before. Returns where the machine stands at the end.
     pub(super) async fn run_stage(
         &mut self,
         done: &[Stage],
         stage: &Stage,
         stands: Option<Position>,
-        later_s: f64,
     ) -> Result<Option<Position>, RunError> {
         let stands = self.ask_first(stage, stands).await?;
         let begin = Begin { stands: stands.clone(), confirmed: self.confirmed };
@@ -67,7 +66,7 @@ impl Run<'_> {
                 step: id,
                 repeat,
                 label: step.label.clone(),
-                remaining_s: remaining_s + later_s,
+                remaining_s: remaining_s + self.ahead.machine_s(),
             });
             self.moved = true;
             let measured = match &step.scan {
@@ -139,8 +138,8 @@ pub async fn rehearse(
     plan: &Plan,
     dialect: &Dialect,
 ) -> Result<Rehearsed, RunError> {
-    let (stage_s, steps) = rehearsed(method, plan, dialect).await?;
-    Ok(Rehearsed { machine_s: stage_s.iter().sum(), asks: first_question(&steps).is_some() })
+    let (ahead, steps) = rehearsed(method, plan, dialect).await?;
+    Ok(Rehearsed { machine_s: ahead.machine_s(), asks: first_question(&steps).is_some() })
 }
 
 /// What is known of a run before it begins.
@@ -152,14 +151,14 @@ pub struct Rehearsed {
     pub asks: bool,
 }
 
-/// As [`rehearse`]: machine time of each stage, s, and the steps that it went through.
+/// As [`rehearse`]: all of its stages, and the steps that it went through.
 pub(super) async fn rehearsed(
     method: &dyn Method,
     plan: &Plan,
     dialect: &Dialect,
-) -> Result<(Vec<f64>, Vec<Step>), RunError> {
-    let mut plan = plan.clone();
-    let (mut done, mut stage_s) = (Vec::new(), Vec::new());
+) -> Result<(Ahead, Vec<Step>), RunError> {
+    let mut plan = Plan { steps: Vec::new(), ..plan.clone() };
+    let (mut done, mut stages) = (Vec::new(), Vec::new());
     let mut begin = Begin { stands: None, confirmed: Confirmed::default() };
     while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
         plan.steps.extend(new_steps);
@@ -168,14 +167,15 @@ pub(super) async fn rehearsed(
         }
         let sent = Sent { dialect, transmission: &Transmission::Rows };
         let (tasks, _) = prove(&plan, sent, &done, &stage, begin.clone()).await?;
-        stage_s.push(tasks.first().map_or(0.0, |task| task.remaining_s));
+        let machine_s = tasks.first().map_or(0.0, |task| task.remaining_s);
+        stages.push(RehearsedStage { name: stage.name.clone(), machine_s });
         for task in tasks {
             begin.confirmed = begin.confirmed.after(&task.step);
             begin.stands = Some(task.ends);
         }
         done.push(stage);
     }
-    Ok((stage_s, plan.steps))
+    Ok((Ahead::new(stages), plan.steps))
 }
 
 /// Plan and prove beside the runtime: a halt must not wait for it.

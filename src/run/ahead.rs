@@ -1,0 +1,65 @@
+//! What a run has still to do, known from its rehearsal.
+
+/// The stages that the rehearsal went through and the run has not begun.
+#[derive(Debug, Default)]
+pub(super) struct Ahead {
+    stages: Vec<RehearsedStage>,
+}
+
+#[derive(Debug)]
+pub(super) struct RehearsedStage {
+    pub(super) name: String,
+    pub(super) machine_s: f64,
+}
+
+impl Ahead {
+    pub(super) fn new(stages: Vec<RehearsedStage>) -> Self {
+        Self { stages }
+    }
+
+    /// A stage of this name begins, so it and the stages before it are no longer ahead. A stage
+    /// that was not rehearsed changes nothing: another round of a watch, measurements once more.
+    pub(super) fn begin(&mut self, name: &str) {
+        if let Some(at) = self.stages.iter().position(|stage| stage.name == name) {
+            self.stages.drain(..=at);
+        }
+    }
+
+    /// Machine time of the stages ahead, s.
+    pub(super) fn machine_s(&self) -> f64 {
+        self.stages.iter().map(|stage| stage.machine_s).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ahead() -> Ahead {
+        let stage = |name: &str, machine_s| RehearsedStage { name: name.to_owned(), machine_s };
+        Ahead::new(vec![
+            stage("find", 1.0),
+            stage("reference", 2.0),
+            stage("measure", 4.0),
+            stage("reference", 8.0),
+        ])
+    }
+
+    #[test]
+    fn stages_that_were_not_rehearsed_take_nothing_away() {
+        let mut ahead = ahead();
+        let names = ["find", "find, once more", "reference", "at rest?", "measure", "reference"];
+        let left = names.map(|name| {
+            ahead.begin(name);
+            ahead.machine_s()
+        });
+        assert_eq!(left, [14.0, 14.0, 12.0, 12.0, 8.0, 0.0]);
+    }
+
+    #[test]
+    fn of_a_resumed_run_the_stages_before_are_not_ahead() {
+        let mut ahead = ahead();
+        ahead.begin("measure");
+        assert_eq!(ahead.machine_s(), 8.0);
+    }
+}

@@ -1,0 +1,152 @@
+//! Runs on the simulated control; what is sent to it is counted on its way.
+
+mod asking;
+mod time_left;
+
+use std::sync::{Arc, Mutex};
+
+use super::*;
+use crate::setup::{self, MachineFile, Pace, Past};
+use crate::store::{NewRun, StoredRun};
+use devices::controllers::{
+    Controller, ControllerError, Driver, Halt, Introduction, Look, Prepared,
+};
+use machine::record::motion::Outcome;
+use planning::proof::ProvenBlock;
+
+type Calls = Arc<Mutex<Vec<&'static str>>>;
+
+/// Counts what is asked of the control behind it.
+struct Counted {
+    inner: Controller,
+    calls: Calls,
+}
+
+impl Counted {
+    fn count(&self, call: &'static str) -> &Controller {
+        self.calls.lock().unwrap().push(call);
+        &self.inner
+    }
+}
+
+impl Driver for Counted {
+    async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+        self.count("prepare").prepare().await
+    }
+
+    async fn execute(&mut self, block: ProvenBlock) -> Result<Outcome, ControllerError> {
+        self.count("execute").execute(block).await
+    }
+
+    async fn look(&mut self) -> Result<Look, ControllerError> {
+        self.count("look").look().await
+    }
+
+    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        self.count("introduce").introduce().await
+    }
+
+    async fn finish(&mut self) -> Result<(), ControllerError> {
+        self.count("finish").finish().await
+    }
+}
+
+struct Shop {
+    folder: tempfile::TempDir,
+    journal: Journal,
+    file: MachineFile,
+    calls: Calls,
+}
+
+impl Shop {
+    /// `more`: of the machine file.
+    fn new(more: &str) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let text = crate::setup::built_in("self-calibration").text;
+        let text = format!("{text}\n[method.self-calibration]\npositions = 5\nrepeats = 2\n{more}");
+        let file = MachineFile::parse("shop.toml", text).unwrap();
+        let journal = Journal::open(folder.path()).unwrap();
+        Self { folder, journal, file, calls: Calls::default() }
+    }
+
+    fn method(&self) -> (Box<dyn Method>, Plan) {
+        setup::header(&self.file, "self-calibration", None).unwrap()
+    }
+
+    async fn devices(&self, past: Past<'_>) -> (Devices, Halt) {
+        let mut devices = setup::devices(&self.file, Pace::Fast, past).await.unwrap();
+        let halt = devices.controller.halt();
+        let (halt_too, calls) = (halt.clone(), self.calls.clone());
+        let counted = |inner| Controller::spawn(Counted { inner, calls }, halt_too);
+        let inner = std::mem::replace(&mut devices.controller, dead());
+        devices.controller = counted(inner);
+        (devices, halt)
+    }
+
+    /// Until it ends: `answers` and `tell` are given the halt.
+    async fn runs(
+        &self,
+        method: &dyn Method,
+        answers: impl FnOnce(Halt) -> Answers,
+        tell: impl Fn(&Event, &Halt),
+    ) -> (Result<(), RunError>, StoredRun) {
+        let (_, plan) = self.method();
+        let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
+        let id = self.journal.begin(&new).await.unwrap();
+        let (devices, halt) = self.devices(Past::default()).await;
+        let mut tell = |event: &Event| tell(event, &halt);
+        let run = Run::new(id, method, &devices, &self.journal, plan, &mut tell);
+        let ended = run.asking(answers(halt.clone())).execute().await;
+        (ended, self.journal.load(id).unwrap())
+    }
+
+    /// A person lets it go on, in another process.
+    async fn goes_on(
+        &self,
+        method: &dyn Method,
+        stored: StoredRun,
+        tell: impl Fn(&Event, &Halt),
+    ) -> (Result<(), RunError>, StoredRun) {
+        let id = stored.summary.id;
+        let past = Past { readings: &stored.readings, elapsed_s: 60.0, ..Past::default() };
+        let (devices, halt) = self.devices(past).await;
+        let mut tell = |event: &Event| tell(event, &halt);
+        let answered = super::asking::answered(&stored.events);
+        let (stages, readings) = (stored.stages.clone(), stored.readings.clone());
+        let run = Run::new(id, method, &devices, &self.journal, stored.plan.clone(), &mut tell);
+        let before = Interrupted { stages, readings, answered, elapsed_s: 60.0 };
+        let ended = run.asking(ada()).resume(before).await;
+        (ended, self.journal.load(id).unwrap())
+    }
+
+    fn calls(&self) -> Vec<&'static str> {
+        self.calls.lock().unwrap().clone()
+    }
+}
+
+/// In the place of a control, for a moment.
+fn dead() -> Controller {
+    struct Nothing;
+    impl Driver for Nothing {
+        async fn prepare(&mut self) -> Result<Prepared, ControllerError> {
+            Err(ControllerError::DriverGone)
+        }
+        async fn execute(&mut self, _: ProvenBlock) -> Result<Outcome, ControllerError> {
+            Err(ControllerError::DriverGone)
+        }
+        async fn look(&mut self) -> Result<Look, ControllerError> {
+            Err(ControllerError::DriverGone)
+        }
+        async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+            Err(ControllerError::DriverGone)
+        }
+        async fn finish(&mut self) -> Result<(), ControllerError> {
+            Err(ControllerError::DriverGone)
+        }
+    }
+    Controller::spawn(Nothing, Halt::new(|| {}))
+}
+
+fn ada() -> Answers {
+    Answers::new(|_| Some("Ada".to_owned()))
+}

@@ -1,0 +1,75 @@
+//! The time left: of the stages ahead, whatever comes between them.
+
+use super::*;
+use machine::record::estimate::Estimate;
+use methods::{IdentifyError, Refused};
+
+/// The first stage once more, as a method does that finds a measurement outside its limits.
+struct OnceMore {
+    inner: Box<dyn Method>,
+}
+
+impl Method for OnceMore {
+    fn settings(&self) -> serde_json::Value {
+        self.inner.settings()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        let inner: Vec<Stage> = done.iter().filter(|stage| stage.repeat < 7).cloned().collect();
+        if matches!(source, Source::Measured(_))
+            && let [first] = done
+        {
+            let name = format!("{}, once more", first.name);
+            let stage = Stage { id: 1000, name, repeat: 7, ..first.clone() };
+            return Ok(Next::Stage { stage, new_steps: Vec::new() });
+        }
+        self.inner.next(plan, &inner, source)
+    }
+
+    fn identify(&self, _: &Plan, _: &[Reading]) -> Result<Estimate, IdentifyError> {
+        Err(IdentifyError::Numerical("nobody asks for it".to_owned()))
+    }
+}
+
+/// Of each step that was begun: its label, its pass and the time that was left, s.
+type Left = Mutex<Vec<(String, u32, f64)>>;
+
+fn note(left: &Left, event: &Event) {
+    if let Event::StepStarted { label, repeat, remaining_s, .. } = event {
+        left.lock().unwrap().push((label.clone(), *repeat, *remaining_s));
+    }
+}
+
+#[tokio::test]
+async fn it_falls_from_step_to_step_and_a_stop_or_a_repetition_loses_nothing_of_it() {
+    let shop = Shop::new("");
+    let whole = Left::default();
+    let told = |event: &Event, _: &Halt| note(&whole, event);
+    shop.runs(shop.method().0.as_ref(), |_| ada(), told).await.0.unwrap();
+    let whole = whole.into_inner().unwrap();
+    assert!(whole.windows(2).all(|pair| pair[1].2 < pair[0].2), "{whole:?}");
+
+    let method = OnceMore { inner: shop.method().0 };
+    let left = Left::default();
+    let stopped_in_the_middle = |event: &Event, halt: &Halt| {
+        note(&left, event);
+        if left.lock().unwrap().len() == whole.len() / 2 {
+            halt.now();
+        }
+    };
+    let (held, stored) = shop.runs(&method, |_| ada(), stopped_in_the_middle).await;
+    assert!(held.unwrap_err().is_stop());
+    let told = |event: &Event, _: &Halt| note(&left, event);
+    shop.goes_on(&method, stored, told).await.0.unwrap();
+    let left = left.into_inner().unwrap();
+    let mut compared = 0;
+    for (label, repeat, at_first_s) in &whole {
+        let same = left.iter().filter(|step| (&step.0, step.1) == (label, *repeat));
+        for (_, _, left_s) in same {
+            // The way to a touch is another one where the machine comes from elsewhere.
+            assert!((left_s - at_first_s).abs() < 20.0, "{label}: {left_s} and {at_first_s}");
+            compared += 1;
+        }
+    }
+    assert!(compared > whole.len(), "{compared} of {}", whole.len());
+}
