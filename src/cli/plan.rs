@@ -43,6 +43,10 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
         for line in summary(&proof, &plan) {
             say!("{line}");
         }
+        if !plan.assumed.is_empty() {
+            let keys = plan.assumed.join(", ");
+            say!("not stated in the machine file and assumed (docs/uncertainty.md): {keys}");
+        }
     }
     Ok(Exit::Pass)
 }

@@ -146,8 +146,11 @@ fn proof(plan: &Plan, proofs: &[Proof]) -> Value {
 /// The uncertainty budget: a row per parameter, a column per source.
 fn budget(parameters: &[Parameter]) -> Value {
     let mut sources: Vec<String> = Vec::new();
+    let mut titles: Vec<String> = Vec::new();
     for line in parameters.iter().flat_map(|parameter| &parameter.budget) {
         if !sources.contains(&line.source) {
+            let assumed = if line.assumed { " (assumed)" } else { "" };
+            titles.push(format!("{}{assumed}", line.source));
             sources.push(line.source.clone());
         }
     }
@@ -167,7 +170,7 @@ fn budget(parameters: &[Parameter]) -> Value {
             }
         })
         .collect();
-    context! { sources, rows }
+    context! { sources => titles, rows }
 }
 
 fn quality(estimate: &Estimate) -> Rows {

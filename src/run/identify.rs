@@ -16,6 +16,7 @@ use machine::record::event::Event;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::decision;
+use methods::identification::mark_assumed;
 use methods::{IdentifyError, Method};
 
 /// How often a stop is looked for while the identification computes.
@@ -157,6 +158,7 @@ pub fn identified(
 ) -> Result<Estimate, IdentifyError> {
     let mut estimate = method.identify(plan, readings)?;
     estimate.measured = ranges(readings);
+    mark_assumed(&mut estimate, &plan.assumed);
     estimate.priors = plan.priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
     Ok(estimate)
 }

@@ -85,6 +85,7 @@ pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value
         artefact: file.artefact.clone(),
         priors: Vec::new(),
         gaps_s: Vec::new(),
+        assumed: file.assumed.clone(),
         steps: Vec::new(),
     }
 }

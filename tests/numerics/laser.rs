@@ -118,11 +118,11 @@ fn u_is_true_of_continuous_scans_and_of_their_latency() {
     assert!((low..high).contains(&chi2) && beyond.is_empty(), "{chi2} {beyond:?}");
 }
 
-/// What no unknown of the model takes: a key, below which line it stands, and its line of the budget. The
-/// sphere's form is told to the world and to the method apart.
+/// What no unknown of the model takes: a text of the machine file, in its place another, and the line of the
+/// budget. The sphere's form is told to the world and to the method apart.
 const OUTSIDE: [(&str, &str, &str); 3] = [
-    ("drift_um_per_h = 1.0\n", "squareness_urad = 4.0\n", "squareness of X, Y and Z"),
-    ("linearity_um = 0.5\n", "incidence_um = 0.4\n", "lean of the surface"),
+    ("squareness_urad = 0.0\n", "squareness_urad = 4.0\n", "squareness of X, Y and Z"),
+    ("linearity_um = 0.5\n", "linearity_um = 0.5\nincidence_um = 0.4\n", "lean of the surface"),
     ("radius_mm = 10.0\n", "", "form of the sphere"),
 ];
 const FORM_UM: f64 = 0.4;
@@ -136,15 +136,15 @@ fn with_form(text: String) -> String {
 }
 
 /// With one of [`OUTSIDE`] in the world and in the budget.
-fn outside((below, key, _): (&str, &str, &str), seed: u64) -> MachineFile {
-    let change = |text: String| match key {
+fn outside((from, to, _): (&str, &str, &str), seed: u64) -> MachineFile {
+    let change = |text: String| match to {
         "" => with_form(text),
-        key => {
-            assert!(text.contains(below));
-            text.replacen(below, &format!("{below}{key}"), 1)
+        to => {
+            assert!(text.contains(from));
+            text.replacen(from, to, 1)
         }
     };
-    match key {
+    match to {
         "" => machine(seed, change, &format!("form_u_um = {FORM_UM}\n")),
         _ => machine(seed, change, ""),
     }

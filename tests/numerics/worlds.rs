@@ -13,13 +13,15 @@ use testing::population::{population, ratio_bounds};
 
 const FULL_WORLDS: u64 = 200;
 
-/// The built-in machine with other keys (each replaces the value of the named key).
+/// The built-in machine with other keys: each replaces the value of the named key wherever it is not 0.
 fn machine(changes: &[(&str, &str)]) -> MachineFile {
     let mut text = include_str!("../../config/simulated.toml").to_owned();
     for (key, value) in changes {
         let before = text.clone();
         let lines = text.lines().map(|line| match line.split_once('=') {
-            Some((name, _)) if name.trim() == *key => format!("{key} = {value}\n"),
+            Some((name, now)) if name.trim() == *key && now != " 0.0" => {
+                format!("{key} = {value}\n")
+            }
             _ => format!("{line}\n"),
         });
         text = lines.collect();

@@ -98,6 +98,9 @@ pub struct BudgetLine {
     #[serde(rename = "type", default, skip_serializing_if = "Option::is_none")]
     pub evaluation: Option<EvaluationType>,
     pub u: f64,
+    /// Its size, or a part of it, is not declared but assumed.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub assumed: bool,
 }
 
 impl Estimate {

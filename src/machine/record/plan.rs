@@ -40,6 +40,10 @@ pub struct Plan {
     /// last reading before. What was measured before and after may lie apart.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub gaps_s: Vec<f64>,
+    /// Keys of the machine file that it does not state and whose values are assumed, e.g.
+    /// `axes.X.backlash_um`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub assumed: Vec<String>,
     #[serde(default)]
     pub steps: Vec<Step>,
 }

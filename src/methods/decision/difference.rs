@@ -175,6 +175,7 @@ mod tests {
             source: (*source).to_owned(),
             evaluation: Some(*evaluation),
             u: *u,
+            assumed: false,
         };
         let u = lines.iter().map(|(.., u)| u * u).sum::<f64>().sqrt();
         Parameter { budget: lines.iter().map(line).collect(), ..parameter(value, u, None) }

@@ -108,6 +108,7 @@ impl Propagation {
             source: effect.name.clone(),
             evaluation: Some(effect.evaluation),
             u: variance.sqrt(),
+            assumed: false,
         };
         Uncertainty {
             u: variances.iter().sum::<f64>().sqrt(),

@@ -18,6 +18,7 @@ use machine::record::machine::{AxisSpec, Keepout, Machine, Probe, Solid};
 use machine::record::sensor::Sensor;
 
 mod artefact;
+mod assumed;
 mod balls_csv;
 #[cfg(test)]
 mod balls_tests;
@@ -82,6 +83,8 @@ pub struct MachineFile {
     prompts: Vec<Prompt>,
     /// Empty: no verdict.
     pub tolerance: Vec<Limit>,
+    /// Keys that it does not state and whose values are assumed, e.g. `axes.X.backlash_um`.
+    pub assumed: Vec<String>,
     document: Document,
 }
 
@@ -109,9 +112,10 @@ impl MachineFile {
 
     fn parsed(document: Document, beside: Beside<'_>) -> Result<Self, MachineFileError> {
         document.only(&[], &SECTIONS)?;
-        let machine = machine(&document)?;
-        let probe = document.required(&["probe"])?;
+        let mut machine = machine(&document)?;
+        let mut probe = document.required(&["probe"])?;
         check::probe(&document, &probe)?;
+        let assumed = assumed::fill(&document, &mut machine, &mut probe)?;
         let sensors: Vec<SensorEntry> =
             document.section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
         check::alone(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
@@ -143,6 +147,7 @@ impl MachineFile {
             artefact,
             prompts,
             tolerance,
+            assumed,
             document,
         })
     }

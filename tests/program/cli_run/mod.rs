@@ -91,6 +91,7 @@ pub fn trials() -> Trials {
         compare::two_runs_are_compared,
         compare::what_is_no_comparison_is_refused_with_the_way_on,
         results::regress_exported_readings_identify_to_the_stored_bytes,
+        results::what_nobody_has_declared_is_assumed_and_marked,
         results::regress_two_heights_find_the_tilts_of_the_axis,
         results::regress_what_a_control_cannot_do_is_refused_before_it_moves,
         results::regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate,

@@ -33,6 +33,48 @@ pub fn regress_exported_readings_identify_to_the_stored_bytes() {
     assert_eq!(String::from_utf8(shown.stdout).unwrap(), run);
 }
 
+/// The bound: a machine whose file states no source has U(EX0C) of 3 µm at most.
+pub fn what_nobody_has_declared_is_assumed_and_marked() {
+    let sources = [
+        "drift_um_per_h",
+        "squareness_urad",
+        "resolution_um",
+        "error_motion_um",
+        "backlash_um",
+        "lobing_um",
+        "lobing_orders",
+        "stylus_offset_um",
+    ];
+    let is_taken_out = |line: &&str| !sources.iter().any(|key| line.starts_with(key));
+    let silent: String =
+        machine().lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
+    let shop = MachineShop::new(&silent);
+    let estimate = estimate(&shop.run());
+    let found = &estimate["parameters"][0];
+    assert_eq!(found["symbol"], "EX0C");
+    let expanded = found["U"].as_f64().unwrap();
+    assert!(expanded > 1.0 && expanded <= 3.0, "{expanded}");
+    let budget = found["budget"].as_array().unwrap();
+    let has_size = |line: &&Value| line["assumed"] == true;
+    let assumed = budget.iter().filter(has_size).map(|line| line["source"].as_str().unwrap());
+    let wanted = [
+        "resolution",
+        "stylus offset",
+        "probe lobing",
+        "backlash",
+        "error motions of X, Y and Z",
+        "error motions of C",
+    ];
+    assert_eq!(assumed.collect::<Vec<_>>(), wanted);
+    let report = shop.file("report.html");
+    assert!(shop.trued(&["show", "1", "--report", &report]).status.success());
+    let report = std::fs::read_to_string(report).unwrap();
+    assert!(report.contains("probe lobing (assumed)"), "{report}");
+    let plan = shop.trued(&["plan", "self-calibration", "--machine", &shop.machine()]);
+    let plan = String::from_utf8(plan.stdout).unwrap();
+    assert!(plan.contains("assumed") && plan.contains("axes.X.backlash_um"), "{plan}");
+}
+
 pub fn regress_two_heights_find_the_tilts_of_the_axis() {
     let settings = "positions = 12\nheights_mm = [20, 80]\n";
     let errors = "[simulated.errors]\nEA0C_urad = 40.0\nEB0C_urad = -25.0";

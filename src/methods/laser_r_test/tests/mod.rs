@@ -37,6 +37,7 @@ pub fn plan() -> Plan {
         artefact: part("artefact").try_into().unwrap(),
         priors: Vec::new(),
         gaps_s: Vec::new(),
+        assumed: Vec::new(),
         steps: Vec::new(),
     }
 }

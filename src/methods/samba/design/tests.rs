@@ -53,6 +53,7 @@ pub fn plan(settings: &Settings) -> Plan {
         artefact: Artefact::Balls(rumba()),
         priors: Vec::new(),
         gaps_s: Vec::new(),
+        assumed: Vec::new(),
         steps: Vec::new(),
     }
 }

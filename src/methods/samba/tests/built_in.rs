@@ -42,6 +42,7 @@ pub fn plan_of(file: &str, method: &str) -> Plan {
         artefact: part("artefact").try_into().unwrap(),
         priors: Vec::new(),
         gaps_s: Vec::new(),
+        assumed: Vec::new(),
         steps: Vec::new(),
     }
 }

@@ -148,6 +148,7 @@ impl World {
             artefact: Artefact::Balls(balls),
             priors: Vec::new(),
             gaps_s: Vec::new(),
+            assumed: Vec::new(),
             steps,
         }
     }

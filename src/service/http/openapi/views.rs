@@ -87,6 +87,9 @@ pub struct BudgetView {
     #[schema(rename = "type", required = false)]
     evaluation: Option<String>,
     u: f64,
+    /// Its size, or a part of it, is not declared but assumed.
+    #[schema(required = false)]
+    assumed: bool,
 }
 
 /// What the sensors of a prompt read.
@@ -317,6 +320,7 @@ mod tests {
                 source: "probe".to_owned(),
                 evaluation: Some(EvaluationType::A),
                 u: 0.1,
+                assumed: true,
             }],
             judged: Some(Judgement { limit: 5.0, verdict: Verdict::Pass, conformance: Some(1.0) }),
         };

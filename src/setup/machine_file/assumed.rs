@@ -1,0 +1,102 @@
+//! Sizes that are assumed where the file does not state them (docs/uncertainty.md gives the reasons): a source that
+//! nobody has declared is not absent from the machine.
+
+use super::document::Document;
+use super::error::MachineFileError;
+use machine::Axis;
+use machine::record::machine::{Machine, Probe};
+
+const LINEAR_MOTION_UM: f64 = 1.0;
+const ROTARY_MOTION_UM: f64 = 0.5;
+const BACKLASH_UM: f64 = 1.0;
+const RESOLUTION_UM: f64 = 1.0;
+const LOBING_UM: f64 = 0.5;
+const STYLUS_OFFSET_UM: f64 = 0.8;
+const DRIFT_UM_PER_H: f64 = 5.0;
+const SQUARENESS_URAD: f64 = 10.0;
+
+/// Fills in what `[machine]`, `[axes]` and `[probe]` do not state. Returns the keys, e.g. `axes.X.backlash_um`.
+///
+/// # Errors
+/// The text cannot be read.
+pub fn fill(
+    document: &Document,
+    machine: &mut Machine,
+    probe: &mut Probe,
+) -> Result<Vec<String>, MachineFileError> {
+    let mut assumed = Vec::new();
+    let mut fill = |path: &[&str], value: &mut f64, size: f64| {
+        let is_stated = document.section(path, |_| Ok(()))?.is_some();
+        if !is_stated {
+            *value = size;
+            assumed.push(path.join("."));
+        }
+        Ok(())
+    };
+    fill(&["machine", "drift_um_per_h"], &mut machine.drift_um_per_h, DRIFT_UM_PER_H)?;
+    fill(&["machine", "squareness_urad"], &mut machine.squareness_urad, SQUARENESS_URAD)?;
+    for (axis, spec) in &mut machine.axes {
+        let name = axis.to_string();
+        let key = |key| ["axes", name.as_str(), key];
+        if axis.is_linear() {
+            fill(&key("resolution_um"), &mut spec.resolution_um, RESOLUTION_UM)?;
+            fill(&key("error_motion_um"), &mut spec.error_motion_um, LINEAR_MOTION_UM)?;
+            fill(&key("backlash_um"), &mut spec.backlash_um, BACKLASH_UM)?;
+        } else if *axis != Axis::S {
+            fill(&key("error_motion_um"), &mut spec.error_motion_um, ROTARY_MOTION_UM)?;
+        }
+    }
+    fill(&["probe", "lobing_um"], &mut probe.lobing_um, LOBING_UM)?;
+    fill(&["probe", "stylus_offset_um"], &mut probe.stylus_offset_um, STYLUS_OFFSET_UM)?;
+    Ok(assumed)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::setup::machine_file::MachineFile;
+    use machine::Axis;
+
+    const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
+    const DOCUMENT: &str = include_str!("../../../docs/uncertainty.md");
+
+    /// The size that the documentation states for a key, e.g. `[axes.X] backlash_um`.
+    fn documented(key: &str) -> f64 {
+        let row = DOCUMENT.lines().find(|line| line.starts_with(&format!("| `{key}` |"))).unwrap();
+        let size = row.split('|').nth(2).unwrap().trim();
+        size.split(' ').next().unwrap().parse().unwrap()
+    }
+
+    #[test]
+    fn what_the_file_does_not_state_is_as_documented_and_named() {
+        let keys =
+            ["error_motion_um", "backlash_um", "resolution_um", "lobing_um", "drift_um_per_h"];
+        let is_taken_out = |line: &&str| !keys.iter().any(|key| line.starts_with(key));
+        let text: String =
+            EMBEDDED.lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
+        let file = MachineFile::parse("shop.toml", text).unwrap();
+        let [x, c] = [Axis::X, Axis::C].map(|axis| &file.machine.axes[&axis]);
+        let sizes = [
+            ("[axes.X] resolution_um", x.resolution_um),
+            ("[axes.X] error_motion_um", x.error_motion_um),
+            ("[axes.X] backlash_um", x.backlash_um),
+            ("[axes.C] error_motion_um", c.error_motion_um),
+            ("[probe] lobing_um", file.probe.lobing_um),
+            ("[machine] drift_um_per_h", file.machine.drift_um_per_h),
+        ];
+        for (key, size) in sizes {
+            assert_eq!(size, documented(key), "{key}");
+        }
+        // Three of each linear axis, one of each rotary axis, drift and lobing.
+        assert_eq!(file.assumed.len(), 3 * 3 + 2 + 2, "{:?}", file.assumed);
+        assert!(file.assumed.contains(&"axes.B.error_motion_um".to_owned()));
+        // Stated: also where it is 0.
+        assert_eq!((file.machine.squareness_urad, file.probe.stylus_offset_um), (0.0, 0.3));
+        assert_eq!(c.backlash_um, 0.0);
+    }
+
+    #[test]
+    fn a_file_that_states_everything_assumes_nothing() {
+        let file = MachineFile::parse("shop.toml", EMBEDDED.to_owned()).unwrap();
+        assert!(file.assumed.is_empty(), "{:?}", file.assumed);
+    }
+}
