@@ -27,6 +27,7 @@ fn estimate(values: &[(&str, f64, bool)]) -> Estimate {
         dof: None,
         identifiable: *identifiable,
         u_monte_carlo: None,
+        interval_monte_carlo: None,
         budget: Vec::new(),
         judged: None,
     };

@@ -54,7 +54,7 @@ fn columns_removed(a: &Mat<f64>) -> Mat<f64> {
 }
 
 #[test]
-fn paper_self_calibration_at_eight_angles_has_rank_26_and_condition_21_88() {
+fn gate_g1_rank_26_and_condition_21_88_at_eight_angles() {
     let a = paper_design(1);
     let constrained = survey(a.as_ref(), Some(paper_gauge().as_ref()), 1e-9).unwrap();
     assert_eq!((constrained.rank, constrained.nullity), (26, 0));
@@ -75,7 +75,7 @@ fn paper_self_calibration_at_eight_angles_has_rank_26_and_condition_21_88() {
 
 /// gcd(k_b, N) − 1 (METHODS section 1). At φ_b = 180° some columns hold rounding errors only.
 #[test]
-fn paper_deficient_probe_angles_lose_gcd_less_one_directions() {
+fn gate_g1_deficient_probe_angles_lose_gcd_less_one_directions() {
     for (k_b, lost) in [(1, 0), (2, 1), (3, 0), (4, 3), (5, 0), (6, 1), (7, 0)] {
         let found = survey(paper_design(k_b).as_ref(), Some(paper_gauge().as_ref()), 1e-9).unwrap();
         assert_eq!(found.nullity, lost, "k_b = {k_b}");

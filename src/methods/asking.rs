@@ -1,6 +1,8 @@
 //! What a person is asked before the first stage, whatever the method: steps of their own at the head of
 //! the plan. The method within sees neither them nor that its own steps are numbered on from them.
 
+use std::borrow::Cow;
+
 use super::{IdentifyError, Method, Next, Refused, Source};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step, StepKind};
@@ -105,19 +107,25 @@ impl Method for Asking {
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
-        self.method.forecast(plan, machine_s)
+        self.method.forecast(&without_asking(plan), machine_s)
     }
 
     /// Nothing is numbered anew here, so that what is said of a step names the one in the plan.
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         self.method.check_priors(plan)?;
-        let count = ours(plan);
-        if count == 0 {
-            return self.method.identify(plan, readings);
+        self.method.identify(&without_asking(plan), readings)
+    }
+}
+
+/// The plan without what a person is asked, its steps numbered as they are.
+fn without_asking(plan: &Plan) -> Cow<'_, Plan> {
+    match ours(plan) {
+        0 => Cow::Borrowed(plan),
+        count => {
+            let mut moves = plan.clone();
+            moves.steps.drain(..count);
+            Cow::Owned(moves)
         }
-        let mut moves = plan.clone();
-        moves.steps.drain(..count);
-        self.method.identify(&moves, readings)
     }
 }
 

@@ -60,6 +60,9 @@ fn example() -> Estimate {
     Estimate {
         trued_estimate: ESTIMATE_VERSION,
         method: "self-calibration".to_owned(),
+        provenance: None,
+        coverage_percent: Some(95.45),
+        trials: Some(10_000),
         parameters: vec![
             parameter("EX0C", 49.873, Unit::Um, 1.0),
             parameter("EY0C", -30.0041, Unit::Um, 1.05),
@@ -90,6 +93,7 @@ fn example() -> Estimate {
         decision_rule: None,
         warnings: vec!["holds at the height Z = 62 mm only".to_owned()],
         outliers: Vec::new(),
+        smallest_found: Vec::new(),
         priors: Vec::new(),
         measured: Default::default(),
     }

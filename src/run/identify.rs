@@ -11,7 +11,7 @@ use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
 use devices::controllers::Halt;
 use machine::Axis;
-use machine::record::estimate::{Estimate, Limit};
+use machine::record::estimate::{Estimate, Limit, Provenance};
 use machine::record::event::Event;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -159,8 +159,31 @@ pub fn identified(
     let mut estimate = method.identify(plan, readings)?;
     estimate.measured = ranges(readings);
     mark_assumed(&mut estimate, &plan.assumed);
+    estimate.provenance = provenance(plan, readings);
     estimate.priors = plan.priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
     Ok(estimate)
+}
+
+/// `None`: something has no JSON.
+fn provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
+    let times = readings.iter().map(|reading| reading.t_s);
+    let [first, last] = [times.clone().reduce(f64::min), times.reduce(f64::max)];
+    let mut temperatures_c: BTreeMap<String, [f64; 2]> = BTreeMap::new();
+    for (name, value) in readings.iter().flat_map(|reading| reading.temperatures_c.iter()) {
+        let [least, most] = temperatures_c.entry(name.to_owned()).or_insert([value; 2]);
+        (*least, *most) = (least.min(value), most.max(value));
+    }
+    Some(Provenance {
+        program: concat!("trued ", env!("CARGO_PKG_VERSION")).to_owned(),
+        machine: plan.machine.name.clone(),
+        plan_sha256: sha256(plan).ok()?,
+        readings_sha256: sha256(&readings).ok()?,
+        probe_sha256: sha256(&plan.probe).ok()?,
+        artefact_sha256: sha256(&plan.artefact).ok()?,
+        compensations_active: plan.compensations_active.clone(),
+        duration_s: last.zip(first).map_or(0.0, |(last, first)| last - first),
+        temperatures_c,
+    })
 }
 
 /// Smallest and largest position of each axis, mm and degrees, to the third decimal place that holds them.

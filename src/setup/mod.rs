@@ -86,6 +86,7 @@ pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value
         priors: Vec::new(),
         gaps_s: Vec::new(),
         assumed: file.assumed.clone(),
+        compensations_active: file.controller.compensations_active.clone(),
         steps: Vec::new(),
     }
 }

@@ -7,10 +7,10 @@
 //! | `trued watch --json` | `t_s`: wall time of a sample | left out |
 //! | capture | see `capture.rs` | |
 //! | Modbus server | input register 0, `heartbeat` | 0 |
-//! | HTTP, report | SHA-256 of plan, estimate and machine file: of figures to the last bit, and of comments | `SHA256` |
+//! | HTTP, report, estimate | SHA-256 of plan, readings, estimate and machine file: of figures to the last bit, and of comments | `SHA256` |
 //! | HTTP `/metrics` | values: counts and seconds of the process; the order of labels | left out; sorted |
 //!
-//! Readings, plans, programs and estimates have nothing of the kind.
+//! Readings, plans and programs have nothing of the kind.
 
 pub const INSTANT: &str = "INSTANT";
 

@@ -30,7 +30,7 @@ const MOTIONS: [&str; 6] = ["EXC", "EYC", "EZC", "EAC", "EBC", "ECC"];
 type Changes = Vec<(&'static str, Value)>;
 
 /// The built-in machine with other values; path: keys with dots between.
-fn machine(seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
+pub fn machine(seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
         // The plan is played without a search.
@@ -64,7 +64,7 @@ fn layout(steps: &[usize], positions: usize, harmonics: usize) -> Changes {
 }
 
 /// An eighth of the touches: where many seeds are run, they say more than many stops.
-fn small() -> Changes {
+pub fn small() -> Changes {
     layout(&[0, 4, 6, 9], 12, 5)
 }
 

@@ -18,6 +18,8 @@ mod latch_delay;
 mod machine_text;
 mod multiprobe;
 mod nist_strd;
+
+mod outliers;
 mod outside_model;
 mod proof_sabotage;
 mod proof_sweep;

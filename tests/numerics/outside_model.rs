@@ -270,10 +270,8 @@ fn backlash_that_is_not_declared_is_flagged() {
 
 /// The largest size that a touch must be off to be found with a probability of 95 %, as the estimate states it.
 fn largest_found_mm(estimate: &Estimate) -> f64 {
-    let states = |line: &&String| line.starts_with("deviations of a single touch");
-    let line = estimate.not_identifiable.iter().find(states).unwrap();
-    let (_, size) = line.split_once(" to ").unwrap();
-    size.split_once(" µm").unwrap().0.parse::<f64>().unwrap() * 1e-3
+    let sizes = estimate.smallest_found.iter().map(|one| one.deviation_um.unwrap());
+    sizes.fold(0.0, f64::max) * 1e-3
 }
 
 /// A chip lifts one touch of the cycle off by as much as the estimate states, and by 20 um: it is named, alone or with

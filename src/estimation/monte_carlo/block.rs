@@ -12,6 +12,7 @@ pub(super) struct Block {
     /// Σ(x − mean)(x − mean)ᵀ.
     scatter: Mat<f64>,
     interval: Vec<[f64; 2]>,
+    shortest: Vec<[f64; 2]>,
 }
 
 impl Block {
@@ -21,6 +22,7 @@ impl Block {
         let mut deviations = values;
         let mut mean = Vec::with_capacity(outputs);
         let mut interval = Vec::with_capacity(outputs);
+        let mut shortest = Vec::with_capacity(outputs);
         let mut sorted = vec![0.0; trials];
         for j in 0..outputs {
             let column = deviations.col_mut(j);
@@ -30,10 +32,12 @@ impl Block {
             let average = sorted.iter().sum::<f64>() / trials as f64;
             column.iter_mut().for_each(|value| *value -= average);
             mean.push(average);
-            interval.push(symmetric_interval(&mut sorted));
+            sorted.sort_unstable_by(f64::total_cmp);
+            interval.push(symmetric_interval(&sorted, COVERAGE_PROBABILITY));
+            shortest.push(shortest_interval(&sorted, COVERAGE_PROBABILITY));
         }
         let scatter = deviations.transpose() * &deviations;
-        Self { trials, mean, scatter, interval }
+        Self { trials, mean, scatter, interval, shortest }
     }
 
     fn deviation(&self, output: usize) -> f64 {
@@ -42,12 +46,24 @@ impl Block {
 }
 
 /// JCGM 101, 7.7.2: ranks r and r + q of the sorted values, q = p·M, r = (M − q)/2, rounded.
-fn symmetric_interval(values: &mut [f64]) -> [f64; 2] {
-    let count = values.len();
-    let covered = ((COVERAGE_PROBABILITY * count as f64 + 0.5) as usize).min(count - 1);
+fn symmetric_interval(sorted: &[f64], probability: f64) -> [f64; 2] {
+    let count = sorted.len();
+    let covered = covered(count, probability);
     let low_rank = (count - covered).div_ceil(2).max(1);
-    let mut ranked = |rank: usize| *values.select_nth_unstable_by(rank - 1, f64::total_cmp).1;
-    [ranked(low_rank), ranked((low_rank + covered).min(count))]
+    [sorted[low_rank - 1], sorted[(low_rank + covered).min(count) - 1]]
+}
+
+/// JCGM 101, 7.7.4: of all intervals between ranks r and r + q the shortest.
+pub(super) fn shortest_interval(sorted: &[f64], probability: f64) -> [f64; 2] {
+    let covered = covered(sorted.len(), probability);
+    let pairs = sorted.iter().zip(&sorted[covered..]);
+    let shortest = pairs.min_by(|a, b| (a.1 - a.0).total_cmp(&(b.1 - b.0)));
+    shortest.map_or([f64::NAN; 2], |(low, high)| [*low, *high])
+}
+
+/// q of JCGM 101, 7.7.
+fn covered(count: usize, probability: f64) -> usize {
+    ((probability * count as f64 + 0.5) as usize).min(count - 1)
 }
 
 /// Blocks joined in the order in which they are pushed.
@@ -98,16 +114,21 @@ impl Joined {
     pub(super) fn summary(self, stable: bool) -> Summary {
         let outputs = self.mean.len();
         let freedom = (self.trials.max(2) - 1) as f64;
-        let end = |j: usize, side: usize| {
-            let weighted = self.blocks.iter().map(|b| b.interval[j][side] * b.trials as f64);
+        let end = |of: &dyn Fn(&Block) -> f64| {
+            let weighted = self.blocks.iter().map(|block| of(block) * block.trials as f64);
             weighted.sum::<f64>() / self.trials as f64
+        };
+        let ends = |of: fn(&Block) -> &Vec<[f64; 2]>| -> Vec<[f64; 2]> {
+            let side = |j: usize, side: usize| end(&|block| of(block)[j][side]);
+            (0..outputs).map(|j| [side(j, 0), side(j, 1)]).collect()
         };
         Summary {
             trials: self.trials,
             stable,
             standard_deviation: (0..outputs).map(|j| self.deviation(j)).collect(),
             covariance: Mat::from_fn(outputs, outputs, |i, j| self.scatter[(i, j)] / freedom),
-            interval: (0..outputs).map(|j| [end(j, 0), end(j, 1)]).collect(),
+            interval: ends(|block| &block.interval),
+            shortest: ends(|block| &block.shortest),
             mean: self.mean,
         }
     }

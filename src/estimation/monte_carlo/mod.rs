@@ -54,6 +54,8 @@ pub struct Summary {
     pub covariance: Mat<f64>,
     /// Probabilistically symmetric 95.45 % coverage interval: mean of the blocks' intervals.
     pub interval: Vec<[f64; 2]>,
+    /// Shortest 95.45 % coverage interval, likewise.
+    pub shortest: Vec<[f64; 2]>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

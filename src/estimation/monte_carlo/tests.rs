@@ -42,6 +42,28 @@ fn regress_interval_of_a_rectangle() {
     assert!(found.contradicts(0, 1.03 * u) && found.contradicts(0, 0.97 * u));
 }
 
+/// JCGM 101, 9.2.2 to 9.2.4: sums of four quantities; u and the half-width of the shortest interval of 95 %.
+#[test]
+fn paper_jcgm_101_additive_model_at_95_percent() {
+    const TRIALS: usize = 400_000;
+    for (shape, sizes, u, half) in [
+        (Shape::Normal, [1.0; 4], 2.00, 3.92),
+        (Shape::Rectangular, [1.0; 4], 2.00, 3.88),
+        (Shape::Rectangular, [1.0, 1.0, 1.0, 10.0], 10.1, 17.0),
+    ] {
+        let units = Random::of(7, &[]).units(TRIALS, &[shape; 4]);
+        let sum = |i: usize| (0..4).map(|k| sizes[k] * units[k * TRIALS + i]).sum();
+        let mut sums: Vec<f64> = (0..TRIALS).map(sum).collect();
+        sums.sort_unstable_by(f64::total_cmp);
+        let variance = sums.iter().map(|s| s * s).sum::<f64>() / TRIALS as f64;
+        let [low, high] = block::shortest_interval(&sums, 0.95);
+        let digit = if u < 10.0 { 0.01 } else { 0.1 };
+        assert!((variance.sqrt() - u).abs() < digit, "{} for {u}", variance.sqrt());
+        // The shortest of many is a little short, and it lies anywhere: its place is not told as well.
+        assert!(((high - low) / 2.0 - half).abs() < 1.5 * digit, "{low} to {high} for {half}");
+    }
+}
+
 #[test]
 fn regress_threads_do_not_change_a_bit() {
     let with_threads = |threads: usize| {

@@ -62,6 +62,9 @@ pub struct Parameter {
     /// Standard uncertainty by Monte Carlo (JCGM 101), beside the first-order `u`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub u_monte_carlo: Option<f64>,
+    /// Its shortest interval that covers with the probability of k.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub interval_monte_carlo: Option<[f64; 2]>,
     /// Standard uncertainty by source, same unit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub budget: Vec<BudgetLine>,
@@ -265,10 +268,51 @@ pub struct Deviation {
     pub deviation_um: f64,
 }
 
+/// What an estimate was made from. Hashes are of JSON without white space.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Provenance {
+    /// The program that identified it, with its version.
+    pub program: String,
+    /// Name of the machine.
+    pub machine: String,
+    pub plan_sha256: String,
+    pub readings_sha256: String,
+    /// Of the probe as declared: two runs of the same probe share its systematic errors.
+    pub probe_sha256: String,
+    /// Of the artefact as stated: likewise its certificate.
+    pub artefact_sha256: String,
+    /// Compensations of the control that were active, in its maker's words.
+    pub compensations_active: Vec<String>,
+    /// From the first to the last reading, s.
+    pub duration_s: f64,
+    /// Lowest and highest reading of each thermometer, °C.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub temperatures_c: BTreeMap<String, [f64; 2]>,
+}
+
+/// How large a deviation of one measurement must be to be found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SmallestFound {
+    /// As the plan labels it.
+    pub label: String,
+    /// With a probability of 95 %; absent: no other measurement checks it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub deviation_um: Option<f64>,
+}
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Estimate {
     pub trued_estimate: u32,
     pub method: String,
+    /// What it was made from; absent until the program that identifies has added it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub provenance: Option<Provenance>,
+    /// Probability with which each value ± U covers, in percent; absent in estimates of earlier versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub coverage_percent: Option<f64>,
+    /// Number of Monte Carlo trials.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub trials: Option<usize>,
     pub parameters: Vec<Parameter>,
     pub functions: Vec<Function>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -298,6 +342,9 @@ pub struct Estimate {
     /// Measurements that are far from all others.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub outliers: Vec<Outlier>,
+    /// Of each measurement that is compared with all others.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub smallest_found: Vec<SmallestFound>,
     /// Hashes of the estimates taken as known.
     pub priors: Vec<String>,
     /// Ranges of the axes over which it was measured, mm and degrees.

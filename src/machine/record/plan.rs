@@ -44,6 +44,9 @@ pub struct Plan {
     /// `axes.X.backlash_um`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub assumed: Vec<String>,
+    /// Compensations of the control that are active, in its maker's words.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub compensations_active: Vec<String>,
     #[serde(default)]
     pub steps: Vec<Step>,
 }

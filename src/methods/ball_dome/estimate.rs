@@ -14,9 +14,10 @@ use super::prior::known_machine;
 use super::settings::Settings;
 use super::variant::Variant;
 use super::{design, outputs, sources};
-use crate::ball_measurement::{MeasurementSetup, Observed, observe};
+use crate::ball_measurement::{MeasurementSetup, Observed, measurements, observe};
 use crate::identification::{
-    FitFigures, Solution, TrialPlan, UncertaintySource, block_covariances, identify, rms,
+    FitFigures, Measurement, Solution, TrialPlan, UncertaintySource, block_covariances, identify,
+    mean_u_mm, rms,
 };
 use crate::{IdentifyError, Refused};
 use machine::kinematics::Chain;
@@ -68,11 +69,13 @@ pub fn estimate(
     sources.push(sources::certificate(&model, u_mm));
     sources.extend(known.as_ref().and_then(|known| sources::prior(&model, known)));
     let best = &variants[judged.or_else(|| place(&variants, "N3")).unwrap_or(0)];
+    let compared = judged.map_or(Vec::new(), |i| compared(&observed, &variants[i], &weights));
     let solution = Solution {
         model: &model,
         residuals: &judged.map_or(Vec::new(), |i| model.weighted(&variants[i].fit.deviations)),
         is_declared: plan.probe.repeatability_um.is_some(),
         figures: figures(&points, best, judged.is_some())?,
+        measurements: &compared,
     };
     let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
     let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
@@ -94,10 +97,15 @@ pub fn estimate(
             tool_ball_id(&setup, tool_ball),
             noise_alone(&weights, &points.ball, u_mm),
         ),
-        not_identifiable: lost,
+        not_identifiable: lost.into_iter().chain(identified.checked.limits()).collect(),
         warnings: outputs::warnings(&observed, known.is_some(), &identified),
         ..estimate
     })
+}
+
+/// Each ball at each indexation.
+fn compared(observed: &Observed, judged: &Variant, weights: &[Matrix3<f64>]) -> Vec<Measurement> {
+    measurements(observed, |i| (judged.fit.deviations[i], 3 * i, mean_u_mm(&weights[i])))
 }
 
 fn place(variants: &[Variant], name: &str) -> Option<usize> {

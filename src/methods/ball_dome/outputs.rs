@@ -162,6 +162,7 @@ pub fn warnings(
         "only the nominal machine is compared (N1 to N3): S1 to S4 take an estimate of samba (--with)".to_owned()
     }));
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
+    lines.extend(identified.checked.warnings.iter().cloned());
     lines.extend(identified.trials_warning());
     lines
 }

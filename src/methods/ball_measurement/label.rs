@@ -40,6 +40,12 @@ impl Label {
     pub fn number(&self) -> u32 {
         self.indexation.saturating_add(1)
     }
+
+    /// What its touches have in common, e.g. `slow/007/3`.
+    pub fn measurement(&self) -> String {
+        let text = self.to_string();
+        text.rsplit_once('/').map_or(text.clone(), |(measurement, _)| measurement.to_owned())
+    }
 }
 
 impl fmt::Display for Label {

@@ -9,6 +9,7 @@ mod interruptions;
 mod known;
 mod label;
 mod made_visits;
+mod measurements;
 mod observe;
 mod order;
 mod planned_ways;
@@ -28,6 +29,7 @@ pub use indexations::{
 };
 pub use label::{Label, Pass};
 pub use made_visits::MadeVisits;
+pub use measurements::measurements;
 pub use observe::{BallCentre, Observed, observe, stated_balls};
 pub use order::{balls_in_order, in_order};
 pub use planned_ways::balls_by_planned_ways;

@@ -40,7 +40,11 @@ pub fn forecast(
             "assumed for the expected U: repeatability_um = {assumed_um} of a touch; state it in [probe]"
         ));
     }
-    lines.extend(not_identifiable(&solved).iter().map(|line| format!("not identifiable: {line}")));
+    lines.extend(
+        not_identifiable(&solved, &identified)
+            .iter()
+            .map(|line| format!("not identifiable: {line}")),
+    );
     Ok(lines)
 }
 

@@ -59,6 +59,7 @@ pub fn identified(
         residuals: &weighted,
         is_declared,
         figures: FitFigures { unknowns, ..FitFigures::of_linear(solution) },
+        measurements: &solved.measurements(),
     };
     identification::identify(&core, sources, outputs::outputs(solved), trials)
 }
@@ -71,7 +72,7 @@ fn estimate(solved: &Solved<'_>, identified: &Identification) -> Estimate {
     warnings.extend(cross_check.warning());
     let mut estimate = Estimate {
         gauge,
-        not_identifiable: warnings::not_identifiable(solved),
+        not_identifiable: warnings::not_identifiable(solved, identified),
         warnings,
         ..identified.estimate(super::NAME)
     };

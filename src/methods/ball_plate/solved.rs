@@ -10,7 +10,8 @@ use super::plate::Plate;
 use super::settings::Settings;
 use super::sources::{sigma, sources};
 use crate::IdentifyError;
-use crate::identification::UncertaintySource;
+use crate::ball_measurement::measurements;
+use crate::identification::{Measurement, UncertaintySource};
 use estimation::linear::{LinearSolution, Survey};
 use estimation::null_names::name_null_space;
 use machine::record::plan::Plan;
@@ -55,6 +56,15 @@ impl<'a> Solved<'a> {
         let (a, solution) = solve(&design.layout, &design.stops, &measured.sightings, &sigma)
             .map_err(|error| IdentifyError::unsolved(error, lost))?;
         Ok(Self { settings, plate, design, measured, sources, sigma, a, solution })
+    }
+
+    /// Each ball at each stop.
+    pub fn measurements(&self) -> Vec<Measurement> {
+        let residuals: Vec<Vector3<f64>> = self.residuals().collect();
+        measurements(&self.measured.observed, |i| {
+            let variances = self.sigma[3 * i..][..3].iter().map(|sigma| sigma.powi(2));
+            (residuals[i], 3 * i, (variances.sum::<f64>() / 3.0).sqrt())
+        })
     }
 
     /// Measured less fitted deviation of each sighting, in axis positions, mm.

@@ -15,6 +15,7 @@ const LOOSE: f64 = 5.0;
 pub fn warnings(solved: &Solved<'_>, identified: &Identification) -> Vec<String> {
     let mut lines = solved.measured.observed.left_out.clone();
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
+    lines.extend(identified.checked.warnings.iter().cloned());
     lines.extend(loose_ball(solved));
     lines.extend(identified.trials_warning());
     lines
@@ -98,7 +99,7 @@ pub fn gauge(solved: &Solved<'_>) -> Vec<String> {
     lines
 }
 
-pub fn not_identifiable(solved: &Solved<'_>) -> Vec<String> {
+pub fn not_identifiable(solved: &Solved<'_>, identified: &Identification) -> Vec<String> {
     let axis = solved.plate.axis;
     let mut lines = vec![
         format!(
@@ -116,5 +117,6 @@ pub fn not_identifiable(solved: &Solved<'_>) -> Vec<String> {
     if !solved.settings.both_directions {
         lines.push(format!("reversal of {axis}: needs both_directions = true"));
     }
+    lines.extend(identified.checked.limits());
     lines
 }

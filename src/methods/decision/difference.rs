@@ -3,18 +3,27 @@
 use serde::Serialize;
 
 use estimation::coverage::coverage_factor;
-use machine::record::estimate::{BudgetLine, Estimate, EvaluationType, Parameter, Unit};
+use machine::record::estimate::{
+    BudgetLine, Estimate, EvaluationType, Parameter, Provenance, Unit,
+};
 
-/// Sources of type B that have the same value in every run of one plan. Every other one, also a new one, counts
-/// as independent: U of a difference is then rather too large.
-const SAME_IN_EVERY_RUN: [&str; 7] = [
-    "stylus offset",
-    "probe lobing",
-    "backlash",
-    "error motions of X, Y and Z",
-    "squareness of X, Y and Z",
-    "error motions of rotary axes",
-    "certified length",
+/// What a source of uncertainty belongs to.
+type Owner = fn(&Provenance) -> &str;
+
+const PROBE: Owner = |provenance| &provenance.probe_sha256;
+const MACHINE: Owner = |provenance| &provenance.machine;
+const ARTEFACT: Owner = |provenance| &provenance.artefact_sha256;
+
+/// Sources of type B that have the same value in every run with the same owner. Every other one, also a new one,
+/// counts as independent: U of a difference is then rather too large.
+const SAME_IN_EVERY_RUN: [(&str, Owner); 7] = [
+    ("stylus offset", PROBE),
+    ("probe lobing", PROBE),
+    ("backlash", MACHINE),
+    ("error motions of X, Y and Z", MACHINE),
+    ("squareness of X, Y and Z", MACHINE),
+    ("error motions of rotary axes", MACHINE),
+    ("certified length", ARTEFACT),
 ];
 
 /// Of one value, the second result less the first.
@@ -40,19 +49,26 @@ pub(super) fn normalized_error(by: f64, expanded: f64) -> f64 {
     if by == 0.0 { 0.0 } else { by.abs() / expanded }
 }
 
-/// Sources of type B that the budgets of both results name, and that have the same value in every run.
+/// Sources of type B that the budgets of both results name, and that have the same value in both runs. Where it is
+/// not known what the results were made from, probe, machine and artefact count as the same.
 pub fn common_sources(first: &Estimate, second: &Estimate) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     let others: Vec<&BudgetLine> = second.parameters.iter().flat_map(|p| &p.budget).collect();
     for line in first.parameters.iter().flat_map(|parameter| &parameter.budget) {
         let is_type_b = |line: &BudgetLine| line.evaluation == Some(EvaluationType::B);
         let is_in_both = others.iter().any(|other| other.source == line.source && is_type_b(other));
-        let is_same = SAME_IN_EVERY_RUN.contains(&line.source.as_str());
+        let known = SAME_IN_EVERY_RUN.iter().find(|(source, _)| *source == line.source);
+        let is_same = known.is_some_and(|(_, owner)| have_same(*owner, first, second));
         if is_type_b(line) && is_in_both && is_same && !names.contains(&line.source) {
             names.push(line.source.clone());
         }
     }
     names
+}
+
+fn have_same(owner: Owner, first: &Estimate, second: &Estimate) -> bool {
+    let pair = first.provenance.as_ref().zip(second.provenance.as_ref());
+    pair.is_none_or(|(first, second)| owner(first) == owner(second))
 }
 
 /// Of all values that both have identified, in the order of the first. The sources `common` have the same
@@ -181,6 +197,20 @@ mod tests {
         Parameter { budget: lines.iter().map(line).collect(), ..parameter(value, u, None) }
     }
 
+    fn made_with(probe: &str) -> Provenance {
+        Provenance {
+            program: String::new(),
+            machine: "mill".to_owned(),
+            plan_sha256: String::new(),
+            readings_sha256: String::new(),
+            probe_sha256: probe.to_owned(),
+            artefact_sha256: String::new(),
+            compensations_active: Vec::new(),
+            duration_s: 0.0,
+            temperatures_c: Default::default(),
+        }
+    }
+
     /// u² = 1 + 3² + 0.5² and 1.2² + 2² + 0.5², of which the probe has 3 and 2 in both: the variance of the
     /// difference is 1 + 1.44 + 2·0.25 + (3 − 2)² = 3.94.
     #[test]
@@ -198,6 +228,12 @@ mod tests {
             [&one, &other].map(|it| Estimate { parameters: vec![it.clone()], ..nothing() });
         let common = common_sources(&first, &second);
         assert_eq!(common, ["probe lobing"]);
+        let with = |estimate: &Estimate, probe: &str| Estimate {
+            provenance: Some(made_with(probe)),
+            ..estimate.clone()
+        };
+        assert_eq!(common_sources(&with(&first, "a"), &with(&second, "a")), ["probe lobing"]);
+        assert!(common_sources(&with(&first, "a"), &with(&second, "b")).is_empty());
         let found = &differences(&first, &second, &common)[0];
         assert!((found.expanded - 2.0 * 3.94f64.sqrt()).abs() < 1e-9, "{}", found.expanded);
         assert!((found.normalized - 3.0 / (2.0 * 3.94f64.sqrt())).abs() < 1e-9);

@@ -102,6 +102,7 @@ mod tests {
             dof: None,
             identifiable: true,
             u_monte_carlo: None,
+            interval_monte_carlo: None,
             budget: Vec::new(),
             judged: None,
         }

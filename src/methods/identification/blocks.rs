@@ -170,7 +170,8 @@ impl BlockwiseFit {
             dof: solutions().map(|solution| solution.dof).sum(),
             residual_rms_mm: rms(&residuals.collect::<Vec<f64>>()),
         };
-        Solution { model: self, residuals: &self.weighted_residuals, is_declared: true, figures }
+        let residuals = &self.weighted_residuals;
+        Solution { model: self, residuals, is_declared: true, figures, measurements: &[] }
     }
 
     /// From the unknowns of one block to all.

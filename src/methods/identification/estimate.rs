@@ -2,13 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use estimation::coverage::coverage_factor;
+use estimation::coverage::{COVERAGE_PROBABILITY, coverage_factor};
 use estimation::monte_carlo::Summary;
 use machine::record::estimate::{
     BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit, Verdict,
 };
 
 use super::model::{FitFigures, Solution};
+use super::outliers::Checked;
 use super::outputs::{Curve, Output, Outputs};
 use super::propagation::{Propagation, Uncertainty};
 use super::source::UncertaintySource;
@@ -22,6 +23,7 @@ pub struct Identification {
     /// Of the parameters in the order of the estimate, internal units.
     pub trials: Option<Summary>,
     pub figures: FitFigures,
+    pub checked: Checked,
 }
 
 /// Propagates the sources to the outputs: to first order and, with a `plan`, by trials.
@@ -45,7 +47,8 @@ pub fn identify(
     let misfit = &propagation.misfit;
     let run = |plan| propagate_by_trials(solution.model, sources, misfit, &outputs, plan);
     let trials = plan.map(run).transpose()?;
-    Ok(Identification { outputs, propagation, trials, figures: solution.figures })
+    let checked = Checked::new(solution, misfit, &propagation.residual_variances);
+    Ok(Identification { outputs, propagation, trials, figures: solution.figures, checked })
 }
 
 impl Identification {
@@ -56,6 +59,9 @@ impl Identification {
         Estimate {
             trued_estimate: ESTIMATE_VERSION,
             method: method.to_owned(),
+            provenance: None,
+            coverage_percent: Some((COVERAGE_PROBABILITY * 1e4).round() / 1e2),
+            trials: self.trials.as_ref().map(|trials| trials.trials),
             parameters: parameters.map(|(i, output)| self.parameter(i, output)).collect(),
             functions: self.outputs.curves.iter().map(|curve| self.function(curve)).collect(),
             circles: Vec::new(),
@@ -73,10 +79,14 @@ impl Identification {
                 true => misfit.chi2 / misfit.expected,
                 false => 0.0,
             },
-            verdict: if misfit.above { Verdict::UndecidedModel } else { Verdict::None },
+            verdict: match misfit.above || !self.checked.outliers.is_empty() {
+                true => Verdict::UndecidedModel,
+                false => Verdict::None,
+            },
             decision_rule: None,
             warnings: Vec::new(),
-            outliers: Vec::new(),
+            outliers: self.checked.outliers.clone(),
+            smallest_found: self.checked.smallest_found.clone(),
             priors: Vec::new(),
             measured: BTreeMap::new(),
         }
@@ -89,6 +99,7 @@ impl Identification {
         let lines = own.budget.into_iter().filter(|_| has_budget);
         Parameter {
             u_monte_carlo: self.u_by_trials(index).map(|u| unit.from_internal(u)),
+            interval_monte_carlo: self.interval(index).map(|mm| mm.map(|x| unit.from_internal(x))),
             budget: lines
                 .map(|line| BudgetLine { u: unit.from_internal(line.u), ..line })
                 .collect(),
@@ -99,6 +110,11 @@ impl Identification {
     /// Standard uncertainty by trials, internal unit.
     fn u_by_trials(&self, index: usize) -> Option<f64> {
         self.trials.as_ref()?.standard_deviation.get(index).copied()
+    }
+
+    /// Shortest coverage interval by trials, internal unit.
+    fn interval(&self, index: usize) -> Option<[f64; 2]> {
+        self.trials.as_ref()?.shortest.get(index).copied()
     }
 
     /// Uncertainty of a parameter, by its index in the estimate, in its internal unit. `None`: there is
@@ -177,6 +193,7 @@ pub fn reported_parameter(
         dof,
         identifiable: true,
         u_monte_carlo: None,
+        interval_monte_carlo: None,
         budget: Vec::new(),
         judged: None,
     }

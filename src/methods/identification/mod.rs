@@ -15,6 +15,7 @@ mod estimate;
 mod harmonics;
 mod known_errors;
 mod known_motions;
+mod measurement;
 mod model;
 mod outliers;
 mod outputs;
@@ -32,11 +33,12 @@ pub use estimate::{Identification, identify, reported_parameter};
 pub use harmonics::{Harmonic, HarmonicFunction, numbered_values, order_values};
 pub use known_errors::KnownErrors;
 pub use known_motions::KnownMotions;
+pub use measurement::{Measurement, mean_u_mm};
 pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
     multiply, rms, solve_each_trial,
 };
-pub use outliers::{FarMeasurement, RowResiduals, are_alike};
+pub use outliers::Checked;
 pub use outputs::{
     Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope,
 };
@@ -47,7 +49,7 @@ pub use source::{
     block_covariances, prior_covariance,
 };
 pub use trials::{TrialPlan, propagate_by_trials};
-pub use warnings::{MisfitAdvice, outlier_warning};
+pub use warnings::MisfitAdvice;
 
 #[cfg(test)]
 mod tests;

@@ -5,6 +5,8 @@ use estimation::nonlinear::Minimum;
 use faer::{Mat, MatRef};
 use nalgebra::Vector3;
 
+use super::measurement::Measurement;
+
 /// Figures of a solved problem that the estimate repeats.
 #[derive(Debug, Clone, Copy)]
 pub struct FitFigures {
@@ -58,6 +60,8 @@ pub struct Solution<'a> {
     /// Whether the sizes of the judged sources are declared; otherwise they are assumed.
     pub is_declared: bool,
     pub figures: FitFigures,
+    /// What is compared with all others; what is not among them is not checked.
+    pub measurements: &'a [Measurement],
 }
 
 /// First-order effect of a change of the observations.
@@ -80,6 +84,11 @@ pub trait ObservationModel: Sync {
 
     /// First-order effect of a change of the observations, mm, one entry an observation.
     fn respond(&self, change: &[f64]) -> Response;
+
+    /// How far each weighted residual is explained by itself, 0 to 1. Empty: hardly at all.
+    fn leverage(&self) -> Vec<f64> {
+        Vec::new()
+    }
 
     /// Unknowns (trials × unknowns), not their changes, for changes of the observations (trials ×
     /// observations, mm); nonlinear where the model is.
@@ -144,6 +153,10 @@ impl<E: ObservationEquation> ObservationModel for LeastSquares<'_, E> {
         Response { unknowns, residuals }
     }
 
+    fn leverage(&self) -> Vec<f64> {
+        self.minimum.factored.leverage()
+    }
+
     fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknowns(), |change| self.near(change))
     }
@@ -196,6 +209,11 @@ impl ObservationModel for LinearFit<'_> {
     fn respond(&self, change: &[f64]) -> Response {
         let residuals = self.residual_change(change);
         Response { unknowns: multiply(self.gain, change), residuals }
+    }
+
+    fn leverage(&self) -> Vec<f64> {
+        let own = |i: usize| (0..self.unknowns()).map(|j| self.a[(i, j)] * self.gain[(j, i)]).sum();
+        (0..self.observations()).map(own).collect()
     }
 
     fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {

@@ -1,78 +1,190 @@
 //! Measurements that are far from all others, by one rule for all methods: an externally studentised residual beyond
-//! the limit of Student's t for so many rows (Bonferroni). The scatter of all others counts, but not less than declared.
+//! the limit of Student's t, or of Fisher's F where a measurement has several rows, for so many measurements
+//! (Bonferroni). A residual is compared with what the declared sources leave in it; the scatter of all others counts,
+//! but not less than declared.
 
-use estimation::coverage::two_sided;
+use std::ops::Range;
+
+use estimation::coverage::{two_sided, variance_ratio_bound};
+use estimation::misfit::Misfit;
+
+use super::measurement::Measurement;
+use super::model::Solution;
+use machine::record::estimate::{Deviation, Outlier, SmallestFound};
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM: f64 = 1e-3;
-/// A row that is explained by itself to this degree is checked by no other.
-const UNCHECKED: f64 = 1.0 - 1e-4;
+/// A row of which no more than this part of the variance is left in its residual is checked by no other.
+const UNCHECKED: f64 = 1e-4;
 /// Two measurements whose residual patterns are parallel to this degree cannot be told apart.
 const ALIKE: f64 = 1.0 - 1e-6;
-/// Probability with which a deviation of the size of [`RowResiduals::smallest_found`] is found.
+/// Probability with which a deviation of the size of [`Checked::smallest_found`] is found.
 const POWER: f64 = 0.95;
 
-/// Residuals of a solved fit, row by row.
-pub struct RowResiduals<'a> {
-    /// Weighted (divided by the standard uncertainties), measured less model.
-    pub residuals: &'a [f64],
-    /// How far each row is explained by itself, 0 to 1.
-    pub leverage: &'a [f64],
-    /// Rows less rank.
-    pub dof: usize,
-    /// Whether the standard uncertainties are declared; otherwise the residuals alone judge.
-    pub is_declared: bool,
-    /// Rows of each measurement.
-    pub rows: Vec<std::ops::Range<usize>>,
+/// Measurements against all others.
+pub struct Checked {
+    pub outliers: Vec<Outlier>,
+    /// Of each measurement.
+    pub smallest_found: Vec<SmallestFound>,
+    /// A sentence for each of the outliers.
+    pub warnings: Vec<String>,
 }
 
-/// A measurement that is far from all others.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FarMeasurement {
-    /// Its number among those given.
-    pub number: usize,
-    /// Largest externally studentised residual of its rows.
-    pub t: f64,
+impl Checked {
+    /// `variances`: of each weighted residual, by the declared sources.
+    pub fn new(solution: &Solution<'_>, misfit: &Misfit, variances: &[f64]) -> Self {
+        let leverage = solution.model.leverage();
+        let residuals = RowResiduals {
+            residuals: solution.residuals,
+            variances,
+            dof: misfit.dof,
+            chi2: misfit.chi2 * misfit.dof / misfit.expected,
+            is_declared: solution.is_declared,
+        };
+        let measurements = solution.measurements;
+        let check = Check { solution, residuals, leverage: &leverage };
+        let outliers = check.outliers();
+        let warnings = outliers.iter().map(|outlier| warning(outlier, measurements)).collect();
+        let smallest_found = measurements.iter().map(|m| check.smallest_found(m)).collect();
+        Self { outliers, smallest_found, warnings }
+    }
+
+    /// What is found, in words. `None`: nothing is checked.
+    pub fn limits(&self) -> Option<String> {
+        let mut sizes: Vec<(f64, &str)> = self
+            .smallest_found
+            .iter()
+            .map(|one| (one.deviation_um.unwrap_or(f64::INFINITY), one.label.as_str()))
+            .collect();
+        sizes.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (middle, (largest, least_checked)) = (sizes.get(sizes.len() / 2)?.0, sizes.last()?);
+        let found = |um: f64| match um.is_finite() {
+            true => format!("{um:.1} µm"),
+            false => "any size".to_owned(),
+        };
+        Some(format!(
+            "deviations of a single measurement below {} (half of them) to {} ({least_checked}): found with a \
+             probability of less than 95 %",
+            found(middle),
+            found(*largest),
+        ))
+    }
+}
+
+struct Check<'a> {
+    solution: &'a Solution<'a>,
+    residuals: RowResiduals<'a>,
+    leverage: &'a [f64],
+}
+
+impl Check<'_> {
+    fn outliers(&self) -> Vec<Outlier> {
+        let mut list: Vec<Outlier> = Vec::new();
+        for measurement in self.solution.measurements {
+            let Some(limit) = self.limit(measurement) else { continue };
+            let t = self.residuals.studentised(measurement.rows.clone());
+            if t <= limit {
+                continue;
+            }
+            let candidates: Vec<Deviation> =
+                self.alike(measurement).into_iter().map(|m| self.deviation(m)).collect();
+            if list.iter().all(|known| known.candidates != candidates) {
+                list.push(Outlier { candidates, t });
+            }
+        }
+        list
+    }
+
+    /// What its studentised residual stays below. `None`: no other measurement checks it.
+    fn limit(&self, measurement: &Measurement) -> Option<f64> {
+        let all = self.solution.measurements.len();
+        self.residuals.limit(measurement.rows.clone(), FALSE_ALARM / all as f64)
+    }
+
+    /// Measurements of one row each whose deviations leave the same pattern in the residuals, this one among them.
+    fn alike<'m>(&'m self, measurement: &'m Measurement) -> Vec<&'m Measurement> {
+        let Solution { model, residuals, measurements, .. } = self.solution;
+        if measurement.rows.len() > 1 || model.observations() != residuals.len() {
+            return vec![measurement];
+        }
+        let pattern = |of: &Measurement| {
+            let mut change = vec![0.0; residuals.len()];
+            change[of.rows.start] = of.u_mm;
+            model.respond(&change).residuals
+        };
+        let own = pattern(measurement);
+        measurements.iter().filter(|other| are_alike([&own, &pattern(other)])).collect()
+    }
+
+    /// If this measurement alone is off.
+    fn deviation(&self, measurement: &Measurement) -> Deviation {
+        let deviation_um = 1e3 * measurement.residual_mm / self.remainder(measurement);
+        Deviation { label: measurement.label.clone(), deviation_um }
+    }
+
+    /// The part of its deviation that is left in its residual.
+    fn remainder(&self, measurement: &Measurement) -> f64 {
+        let rows = measurement.rows.clone();
+        let sum: f64 = rows.filter_map(|row| self.leverage.get(row)).sum();
+        1.0 - sum / measurement.rows.len() as f64
+    }
+
+    /// In the direction in which it is seen least.
+    fn smallest_found(&self, measurement: &Measurement) -> SmallestFound {
+        let rows = measurement.rows.clone();
+        let least = rows.map(|row| self.residuals.variances[row]).fold(0.0, f64::max).sqrt();
+        let um = |limit: f64| {
+            let residual = (limit + self.residuals.margin()) * least;
+            1e3 * residual * measurement.u_mm / self.remainder(measurement)
+        };
+        let deviation_um = self.limit(measurement).map(um);
+        SmallestFound { label: measurement.label.clone(), deviation_um }
+    }
+}
+
+/// Weighted residuals, row by row.
+pub struct RowResiduals<'a> {
+    /// Divided by the standard uncertainties, measured less model.
+    pub residuals: &'a [f64],
+    /// Of each residual, by the declared sources.
+    pub variances: &'a [f64],
+    /// Sum of squares, scaled so that its expectation is its effective degrees of freedom.
+    pub chi2: f64,
+    pub dof: f64,
+    /// Whether the standard uncertainties are declared; otherwise the residuals alone judge.
+    pub is_declared: bool,
 }
 
 impl RowResiduals<'_> {
-    /// In the order of the measurements. With fewer than two degrees of freedom nothing is checked.
-    pub fn far_measurements(&self) -> Vec<FarMeasurement> {
-        let Some(limit) = self.limit() else { return Vec::new() };
-        let chi2: f64 = self.residuals.iter().map(|r| r * r).sum();
-        // Residuals smaller than declared make nothing far.
-        let least = if self.is_declared { 1.0 } else { f64::MIN_POSITIVE };
-        let studentised = |row: usize| {
-            if self.leverage[row] > UNCHECKED {
-                return 0.0;
-            }
-            let own = self.residuals[row].powi(2) / (1.0 - self.leverage[row]);
-            let others = ((chi2 - own) / (self.dof - 1) as f64).max(least);
-            (own / others).sqrt()
-        };
-        let all = self.rows.iter().enumerate().map(|(number, rows)| {
-            let t = rows.clone().map(studentised).fold(0.0, f64::max);
-            FarMeasurement { number, t }
-        });
-        all.filter(|far| far.t > limit).collect()
+    /// Rows that other rows check.
+    fn checked(&self, rows: Range<usize>) -> impl Iterator<Item = usize> {
+        rows.filter(|row| self.variances[*row] >= UNCHECKED)
     }
 
-    /// Smallest deviation of a row, in its standard uncertainties, that is found with a probability of 0.95. Infinite
-    /// for a row that no other checks.
-    pub fn smallest_found(&self, row: usize) -> f64 {
-        match self.limit() {
-            Some(limit) if self.leverage[row] <= UNCHECKED => {
-                let margin = two_sided(2.0 * POWER - 1.0, (self.dof - 1) as f64);
-                (limit + margin) / (1.0 - self.leverage[row]).sqrt()
-            }
-            _ => f64::INFINITY,
+    /// What [`Self::studentised`] of sound rows is above with this `probability`. `None`: no other row checks them.
+    pub fn limit(&self, rows: Range<usize>, probability: f64) -> Option<f64> {
+        let own = self.checked(rows).count() as f64;
+        let others = self.dof - own;
+        match own {
+            _ if own < 1.0 || others < 1.0 => None,
+            1.0 => Some(two_sided(1.0 - probability, others)),
+            _ => Some((own * variance_ratio_bound(1.0 - probability, own, others)?).sqrt()),
         }
     }
 
-    fn limit(&self) -> Option<f64> {
-        let rows: usize = self.rows.iter().map(|rows| rows.len()).sum();
-        let probability = 1.0 - FALSE_ALARM / rows.max(1) as f64;
-        (self.dof >= 2).then(|| two_sided(probability, (self.dof - 1) as f64))
+    /// Length of the residual against the scatter of all others. 0 for rows that no other checks.
+    pub fn studentised(&self, rows: Range<usize>) -> f64 {
+        let count = self.checked(rows.clone()).count() as f64;
+        let square = |row: usize| self.residuals[row].powi(2) / self.variances[row];
+        let own: f64 = self.checked(rows).map(square).sum();
+        // Residuals smaller than declared make nothing far.
+        let least = if self.is_declared { 1.0 } else { f64::MIN_POSITIVE };
+        (own / ((self.chi2 - own) / (self.dof - count)).max(least)).sqrt()
+    }
+
+    /// By so much a residual must be beyond its limit to be there with a probability of 0.95.
+    fn margin(&self) -> f64 {
+        two_sided(2.0 * POWER - 1.0, self.dof - 1.0)
     }
 }
 
@@ -82,4 +194,20 @@ pub fn are_alike(patterns: [&[f64]; 2]) -> bool {
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let [one, other] = patterns;
     product(one, other).powi(2) > ALIKE * product(one, one) * product(other, other)
+}
+
+fn warning(outlier: &Outlier, measurements: &[Measurement]) -> String {
+    let candidate = |candidate: &Deviation| {
+        let own = measurements.iter().find(|m| m.label == candidate.label);
+        let in_words = own.map_or(&*candidate.label, |own| &own.in_words);
+        format!("{in_words} by {:.1} µm", candidate.deviation_um)
+    };
+    let candidates: Vec<String> = outlier.candidates.iter().map(candidate).collect();
+    let doubt = if candidates.len() > 1 { " (the readings do not tell which)" } else { "" };
+    format!(
+        "off what all others make expected: {}{doubt}, {:.1} standard deviations, which the declared sources do not \
+         explain. Dirt, a chip, a loose part? It is in the result; flag its readings `excluded` to leave it out",
+        candidates.join(" or "),
+        outlier.t
+    )
 }

@@ -11,6 +11,8 @@ use super::source::{InResiduals, UncertaintySource};
 /// The effects of the sources on the unknowns.
 pub struct Propagation {
     pub misfit: Misfit,
+    /// Of each weighted residual, by the declared sources.
+    pub residual_variances: Vec<f64>,
     effects: Vec<UnknownsEffect>,
     unknowns: usize,
 }
@@ -76,7 +78,7 @@ impl Propagation {
     /// Propagates each draw by the model's response, judges the residuals and scales the judged sources
     /// by [`Misfit::factor`].
     pub fn new(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Self {
-        let Solution { model, residuals, is_declared, figures } = *solution;
+        let Solution { model, residuals, is_declared, figures, .. } = *solution;
         let mut left = Vec::new();
         let effects = sources.iter().map(|source| UnknownsEffect::new(solution, source, &mut left));
         let mut effects: Vec<UnknownsEffect> = effects.collect();
@@ -84,7 +86,9 @@ impl Propagation {
         for effect in effects.iter_mut().filter(|effect| effect.is_judged) {
             effect.draws *= faer::Scale(misfit.factor);
         }
-        Self { misfit, effects, unknowns: model.unknowns() }
+        let variance = |row: usize| left.iter().map(|draw| draw[row].powi(2)).sum();
+        let residual_variances = (0..residuals.len()).map(variance).collect();
+        Self { misfit, residual_variances, effects, unknowns: model.unknowns() }
     }
 
     /// Uncertainty of the output with this derivative by each unknown. Where the residuals scale the

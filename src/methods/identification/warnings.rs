@@ -3,7 +3,6 @@
 use estimation::misfit::Misfit;
 
 use super::Identification;
-use machine::record::estimate::{Deviation, Outlier};
 
 /// What a method adds to the sentence about its misfit.
 pub struct MisfitAdvice {
@@ -11,21 +10,6 @@ pub struct MisfitAdvice {
     pub causes: &'static str,
     /// The settings that declare how much the measurements scatter.
     pub declared_by: &'static str,
-}
-
-/// `in_words`: a measurement by its label.
-pub fn outlier_warning(outlier: &Outlier, in_words: impl Fn(&str) -> String) -> String {
-    let candidate = |candidate: &Deviation| {
-        format!("{} by {:.1} µm", in_words(&candidate.label), candidate.deviation_um)
-    };
-    let candidates: Vec<String> = outlier.candidates.iter().map(candidate).collect();
-    let doubt = if candidates.len() > 1 { " (the readings do not tell which)" } else { "" };
-    format!(
-        "off what all others make expected: {}{doubt}, {:.1} standard deviations, which the declared sources do not \
-         explain. Dirt, a chip, a loose part? It is in the result; flag its readings `excluded` to leave it out",
-        candidates.join(" or "),
-        outlier.t
-    )
 }
 
 impl Identification {

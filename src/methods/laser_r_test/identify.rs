@@ -1,9 +1,9 @@
 //! Plan + readings → estimate.
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Vector3};
 
 use super::bench::Bench;
-use super::group::{Grouped, grouped};
+use super::group::{Group, Grouped, grouped};
 use super::label::Pass;
 use super::latency::Latency;
 use super::model::{Model, Problem, Sight, placed};
@@ -13,7 +13,9 @@ use super::parameters;
 use super::parts::Parts;
 use super::sources::sources;
 use super::two_fits::{CentresThenMachine, centre_covariances, gain};
-use crate::identification::{self, FitFigures, LeastSquares, Solution, TrialPlan};
+use crate::identification::{
+    self, FitFigures, LeastSquares, Measurement, Solution, TrialPlan, mean_u_mm,
+};
 use crate::{IdentifyError, Refused};
 use estimation::linear::{LinearError, Survey};
 use estimation::monte_carlo::Trials;
@@ -54,15 +56,14 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
     let x = [&minimum.x, &fitted.x[..grouped.centres.common()], &latency].concat();
     let machine = LeastSquares { equation: &problem, minimum: &minimum };
     let (groups, latency) = (&grouped.groups, latency.len());
+    let misses = outputs::misses(&problem, groups, &minimum.x);
+    let compared = measurements(&problem, groups, &misses);
     let solution = Solution {
         model: &CentresThenMachine { centres, gain: &gain, machine, groups, latency },
         residuals: &minimum.residuals,
         is_declared: bench.sensor.noise_um.is_some(),
-        figures: FitFigures::of_places(
-            &survey,
-            &minimum,
-            &outputs::misses(&problem, groups, &minimum.x),
-        ),
+        figures: FitFigures::of_places(&survey, &minimum, &misses),
+        measurements: &compared,
     };
     let outputs = outputs::outputs(&problem, &names, observed.latency.as_ref(), &x);
     let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
@@ -152,6 +153,20 @@ fn sights(grouped: &Grouped, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<S
         weight: whitening(covariance) * group.table,
     });
     sights.collect()
+}
+
+/// The sphere at each pose.
+fn measurements(problem: &Problem, groups: &[Group], misses: &[Vector3<f64>]) -> Vec<Measurement> {
+    let all = problem.sights.iter().zip(groups).zip(misses).enumerate();
+    let measurement =
+        |(i, ((sight, group), miss)): (usize, ((&Sight, &Group), &Vector3<f64>))| Measurement {
+            label: group.label.clone(),
+            in_words: format!("the sphere at {}", group.label),
+            rows: 3 * i..3 * i + 3,
+            residual_mm: miss.norm(),
+            u_mm: mean_u_mm(&sight.weight),
+        };
+    all.map(measurement).collect()
 }
 
 fn solve(

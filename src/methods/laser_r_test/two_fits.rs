@@ -60,6 +60,10 @@ impl ObservationModel for CentresThenMachine<'_> {
         Response { unknowns: self.joined(unknowns, &centres), residuals }
     }
 
+    fn leverage(&self) -> Vec<f64> {
+        self.machine.leverage()
+    }
+
     fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         solve_each_trial(changes, self.unknowns(), |change| {
             let x = self.centres.near(change);

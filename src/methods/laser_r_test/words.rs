@@ -19,6 +19,7 @@ pub fn warnings(parts: &Parts<'_>) -> Vec<String> {
     lines.extend(parts.observed.excluded_in_words());
     lines.extend(thin(parts));
     lines.extend(misfit(parts));
+    lines.extend(parts.identified.checked.warnings.iter().cloned());
     lines.extend(gain(parts));
     lines.extend(form(parts));
     lines.extend(noise(parts));
@@ -192,5 +193,6 @@ pub fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
                 .to_owned(),
         );
     }
+    lines.extend(parts.identified.checked.limits());
     lines
 }

@@ -63,6 +63,7 @@ pub fn fit(observed: &Observed) -> Result<Fitted, IdentifyError> {
         residuals: &weighted,
         is_declared: true,
         figures: FitFigures::of_linear(&solution),
+        measurements: &[],
     };
     let slope = unit_slope(delay, x.len());
     let outputs = outputs::outputs(observed, x, &slope);

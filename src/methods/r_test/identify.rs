@@ -3,15 +3,17 @@
 use super::fit::{solve, survey, weighted};
 use super::model::Equation;
 use super::nest::Nest;
-use super::observe::{Observed, observed};
+use super::observe::{Observed, SensorMean, observed};
 use super::settings::Settings;
 use super::sources::sources;
 use super::{NAME, outputs};
 use crate::identification::{
-    self, FitFigures, Identification, LeastSquares, MisfitAdvice, Solution, TrialPlan, rms,
+    self, FitFigures, Identification, LeastSquares, Measurement, MisfitAdvice, Solution, TrialPlan,
+    rms,
 };
 use crate::{IdentifyError, Refused};
 use estimation::monte_carlo::Trials;
+use estimation::nonlinear::Minimum;
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
@@ -38,13 +40,11 @@ pub fn identify(
     let nest = Nest::new(plan, settings)?;
     let observed = observed(&nest, readings)?;
     let equation = weighted(&nest, &observed);
-    if equation.unknowns.stops == 0 {
-        return Err(Refused {
-            why: "the table has not turned: there are readings of the calibration alone".to_owned(),
-            instead: "measure the turns as well".to_owned(),
-        }
-        .into());
-    }
+    Refused::unless(
+        equation.unknowns.stops > 0,
+        "the table has not turned: there are readings of the calibration alone",
+        "measure the turns as well",
+    )?;
     let minimum = solve(&equation)?;
     equation.check_sensors(&minimum.x)?;
     let survey = survey(&equation, &minimum.x)
@@ -52,6 +52,7 @@ pub fn identify(
     let model = LeastSquares { equation: &equation, minimum: &minimum };
     let unknowns = minimum.x.len();
     let weighted = minimum.residuals.iter().zip(&equation.sigma);
+    let compared = measurements(&equation, &minimum);
     let solution = Solution {
         model: &model,
         residuals: &minimum.residuals,
@@ -63,6 +64,7 @@ pub fn identify(
             dof: minimum.residuals.len().saturating_sub(unknowns),
             residual_rms_mm: rms(&weighted.map(|(r, sigma)| r * sigma).collect::<Vec<f64>>()),
         },
+        measurements: &compared,
     };
     let sources = sources(&equation, &minimum.x);
     let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, MAX_TRIALS);
@@ -76,7 +78,7 @@ pub fn identify(
             "the nest at 0° of {axis} is the origin: the error motion at 0° counts as a displacement of the nest, \
              which turns with the table; EZ{axis} is less its mean"
         )],
-        not_identifiable: vec![
+        not_identifiable: [
             format!(
                 "EA{axis}, EB{axis}, EC{axis}: three sensors about one point; EX{axis} and EY{axis} hold at the height of \
              the sphere, Z = {:.1} mm",
@@ -87,10 +89,24 @@ pub fn identify(
                  and EY0{axis}; an order k is not told from {n} - k",
                 n = settings.positions
             ),
-        ],
+        ]
+        .into_iter()
+        .chain(identified.checked.limits())
+        .collect(),
         warnings: warnings(&equation, &observed, &identified),
         ..identified.estimate(NAME).displaced_at(at_mm)
     })
+}
+
+/// The mean of each sensor at each point.
+fn measurements(equation: &Equation<'_>, minimum: &Minimum) -> Vec<Measurement> {
+    let rows = equation.means.iter().zip(&minimum.residuals).zip(&equation.sigma).enumerate();
+    let measurement = |(i, ((mean, residual), sigma)): (usize, ((&SensorMean, &f64), &f64))| {
+        let label = mean.label.clone();
+        let in_words = format!("the mean {label}");
+        Measurement { label, in_words, rows: i..i + 1, residual_mm: residual * sigma, u_mm: *sigma }
+    };
+    rows.map(measurement).collect()
 }
 
 fn warnings(
@@ -111,6 +127,7 @@ fn warnings(
             .to_owned()
     }));
     lines.extend(identified.misfit_warning(&MISFIT_ADVICE));
+    lines.extend(identified.checked.warnings.iter().cloned());
     lines.extend(identified.trials_warning());
     lines
 }

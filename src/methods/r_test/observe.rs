@@ -23,6 +23,8 @@ pub enum Displacement {
 /// Mean of the samples of one sensor at one point of a path.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorMean {
+    /// Step, point of its path and sensor, e.g. `turn/forward/3/K1`.
+    pub label: String,
     /// Index among the sensors of the nest.
     pub sensor: usize,
     pub displacement: Displacement,
@@ -53,7 +55,7 @@ pub fn observed(nest: &Nest<'_>, readings: &[Reading]) -> Result<Observed, Ident
             let own = latest(step, readings)?;
             for point in 0..scan.path.len() {
                 let at_point = readings_at(&own, &scan.path, point);
-                observed.add_point(nest, step, &scan.path[point], &at_point);
+                observed.add_point(nest, (step, point), &scan.path[point], &at_point);
             }
         }
     }
@@ -82,7 +84,13 @@ impl Observed {
         }
     }
 
-    fn add_point(&mut self, nest: &Nest<'_>, step: &Step, at: &Position, readings: &[&Reading]) {
+    fn add_point(
+        &mut self,
+        nest: &Nest<'_>,
+        (step, point): (&Step, usize),
+        at: &Position,
+        readings: &[&Reading],
+    ) {
         let angle = at.at(nest.axis);
         let displacement = match step.label.as_str() {
             CALIBRATION => Displacement::Displayed(nest.displacement(at)),
@@ -100,6 +108,7 @@ impl Observed {
             }
             let t_s = samples.iter().map(|(_, t_s)| t_s).sum::<f64>() / count;
             self.means.push(SensorMean {
+                label: format!("{}/{}/{}", step.label, point + 1, declared.name),
                 sensor,
                 displacement,
                 table: nest.table(angle),

@@ -39,6 +39,7 @@ pub fn identify(
         residuals: &minimum.residuals,
         is_declared: plan.probe.repeatability_um.is_some(),
         figures: FitFigures::of_places(survey, minimum, &solved.misses()),
+        measurements: &solved.measurements(),
     };
     let trials = trial_plan(settings, problem, sources);
     let outputs = outputs::outputs(&solved);

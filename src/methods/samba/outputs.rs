@@ -9,9 +9,9 @@ use super::harmonics;
 use super::left_out::{LeftOut, in_words, left_out};
 use super::solution::GeometrySolution;
 use super::warnings::{self, place_name};
-use crate::identification::{FarMeasurement, Identification, Output, Outputs, reported_unit};
+use crate::identification::{Identification, Output, Outputs, reported_unit};
 use machine::kinematics::{ErrorParameter, Shape};
-use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Estimate, Unit, VectorKind, Verdict};
+use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Estimate, Unit, VectorKind};
 use machine::{Axis, Position};
 
 /// Members of the least certain direction that are named, and how small a part still counts.
@@ -28,25 +28,31 @@ pub fn outputs(solved: &GeometrySolution<'_>) -> Outputs {
 }
 
 pub fn estimate(solved: &GeometrySolution<'_>, identified: &Identification) -> Estimate {
-    let far = solved.far_measurements();
     let left_out = left_out(solved.problem.model());
-    let estimate = identified.estimate(super::NAME);
     Estimate {
-        arrows: vec![arrows(solved, &far)],
-        verdict: if far.is_empty() { estimate.verdict } else { Verdict::UndecidedModel },
-        outliers: far.iter().map(|far| solved.outlier(far)).collect(),
+        arrows: vec![arrows(solved, identified)],
         weakest: weakest(solved),
         gauge: gauge(solved, &left_out),
-        not_identifiable: [in_words(&left_out), solved.thin()].concat(),
-        warnings: warnings::warnings(solved, identified, &far),
-        ..estimate
+        not_identifiable: not_identifiable(solved, identified, &left_out),
+        warnings: warnings::warnings(solved, identified),
+        ..identified.estimate(super::NAME)
     }
 }
 
-fn arrows(solved: &GeometrySolution<'_>, far: &[FarMeasurement]) -> ArrowFigure {
+fn not_identifiable(
+    solved: &GeometrySolution<'_>,
+    identified: &Identification,
+    left_out: &[LeftOut],
+) -> Vec<String> {
+    let limits = identified.checked.limits();
+    [in_words(left_out), solved.thin(), limits.into_iter().collect()].concat()
+}
+
+fn arrows(solved: &GeometrySolution<'_>, identified: &Identification) -> ArrowFigure {
     let GeometrySolution { problem, minimum, observed, balls, .. } = solved;
     let misses = solved.misses();
-    let flagged: BTreeSet<usize> = far.iter().map(|far| far.number).collect();
+    let outliers = identified.checked.outliers.iter().flat_map(|outlier| &outlier.candidates);
+    let flagged: BTreeSet<&str> = outliers.map(|candidate| candidate.label.as_str()).collect();
     let arrow = |i: usize| {
         let ball = observed.centres[i].ball;
         Arrow {
@@ -54,7 +60,7 @@ fn arrows(solved: &GeometrySolution<'_>, far: &[FarMeasurement]) -> ArrowFigure 
             at_mm: vector(&minimum.x, problem.ball_at(ball)).into(),
             vector: (misses[i] * 1e3).into(),
             modelled: None,
-            flagged: flagged.contains(&i),
+            flagged: flagged.contains(observed.centres[i].label.measurement().as_str()),
         }
     };
     let group = |(place, position): (usize, &Position)| {

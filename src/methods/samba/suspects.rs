@@ -5,11 +5,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::model::length_u_mm;
 use super::solution::GeometrySolution;
-use crate::identification::{FarMeasurement, RowResiduals};
+use crate::ball_measurement;
+use crate::identification::{Measurement, mean_u_mm};
 use estimation::coverage;
 use machine::Axis;
 use machine::kinematics::Shape;
-use machine::record::estimate::{Deviation, Outlier};
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM: f64 = 1e-3;
@@ -29,30 +29,13 @@ impl GeometrySolution<'_> {
         self.minimum.residuals.iter().map(|r| r * r).sum()
     }
 
-    /// Measurements that are far from all others.
-    pub fn far_measurements(&self) -> Vec<FarMeasurement> {
-        let leverage = self.minimum.factored.leverage();
-        let first = |sight| self.problem.row_of(sight);
-        let rows = (0..self.observed.centres.len()).map(|sight| first(sight)..first(sight) + 3);
-        RowResiduals {
-            residuals: &self.minimum.residuals,
-            leverage: &leverage,
-            dof: self.dof(),
-            is_declared: self.plan.probe.repeatability_um.is_some(),
-            rows: rows.collect(),
-        }
-        .far_measurements()
-    }
-
-    /// The measurement as the estimate lists it.
-    pub fn outlier(&self, far: &FarMeasurement) -> Outlier {
-        let label = self.observed.centres[far.number].label.to_string();
-        let measurement = label.rsplit_once('/').map_or(&*label, |(measurement, _)| measurement);
-        let leverage = self.minimum.factored.leverage();
-        let own = leverage.iter().skip(self.problem.row_of(far.number)).take(3).sum::<f64>() / 3.0;
-        let miss = self.misses()[far.number].norm();
-        let (label, deviation_um) = (measurement.to_owned(), 1e3 * miss / (1.0 - own));
-        Outlier { candidates: vec![Deviation { label, deviation_um }], t: far.t }
+    /// Each ball at each indexation.
+    pub fn measurements(&self) -> Vec<Measurement> {
+        let misses = self.misses();
+        ball_measurement::measurements(&self.observed, |sight| {
+            let u_mm = mean_u_mm(&self.problem.weight(sight));
+            (misses[sight], self.problem.row_of(sight), u_mm)
+        })
     }
 
     /// The ball, if any, of which a step on the table between two visits explains what the model does

@@ -2,7 +2,7 @@
 
 use super::solution::GeometrySolution;
 use crate::ball_measurement::tilts_table;
-use crate::identification::{FarMeasurement, Identification, MisfitAdvice, outlier_warning};
+use crate::identification::{Identification, MisfitAdvice};
 use machine::Position;
 use machine::kinematics::{ErrorParameter, Shape};
 
@@ -11,15 +11,11 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     declared_by: "repeatability_um or error_motion_um",
 };
 
-pub fn warnings(
-    solved: &GeometrySolution<'_>,
-    identified: &Identification,
-    far: &[FarMeasurement],
-) -> Vec<String> {
+pub fn warnings(solved: &GeometrySolution<'_>, identified: &Identification) -> Vec<String> {
     let mut lines = solved.observed.left_out.clone();
     lines.extend(misfit(solved, identified));
     lines.extend(solved.moved());
-    lines.extend(far.iter().map(|far| far_off(solved, far)));
+    lines.extend(identified.checked.warnings.iter().cloned());
     lines.extend(solved.length_disagreements());
     lines.extend(unsound_balls(solved));
     lines.extend(cold(solved));
@@ -54,18 +50,6 @@ fn where_sag_goes(solved: &GeometrySolution<'_>) -> String {
         return String::new();
     }
     format!(". Sag of the table as {tilting} tilts it would stand in {}", names.join(", "))
-}
-
-fn far_off(solved: &GeometrySolution<'_>, far: &FarMeasurement) -> String {
-    let observed = &solved.observed;
-    let sight = &observed.centres[far.number];
-    let what = format!(
-        "ball {} at indexation {} ({})",
-        sight.label.ball,
-        sight.label.number(),
-        place_name(&observed.commanded[sight.commanded]),
-    );
-    outlier_warning(&solved.outlier(far), |_| what.clone())
 }
 
 /// Spheres that are none, and diameters that differ: from the stated ones, less what all have in

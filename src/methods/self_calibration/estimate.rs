@@ -3,7 +3,6 @@
 use super::axis_circle::add_axis_circle;
 use super::axis_position::{add_axis_position, stated_and_measured};
 use super::model::DRIFTING;
-use super::outliers::{TouchCheck, in_words};
 use super::outputs::{axis_position, dot};
 use super::paper::PaperForm;
 use super::parts::Parts;
@@ -12,7 +11,7 @@ use super::sense::Sense;
 use super::settings::Spindle;
 use crate::identification::{MisfitAdvice, unit_slope};
 use machine::Axis;
-use machine::record::estimate::{Estimate, Outlier, Verdict};
+use machine::record::estimate::{Estimate, Verdict};
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     causes: "dirt, a loose part or stylus, drift within a turn",
@@ -30,14 +29,11 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     estimate.gauge = gauge(parts, &estimate);
     estimate.not_identifiable = not_identifiable(parts);
     let radial = RadialCheck::new(parts);
-    let checked = TouchCheck::new(parts);
-    estimate.outliers = checked.outliers();
-    estimate.not_identifiable.extend(checked.smallest_found());
-    let is_radial_above = radial.higher.as_ref().is_some_and(|higher| higher.above);
-    if is_radial_above || !estimate.outliers.is_empty() {
+    estimate.not_identifiable.extend(parts.identification.checked.limits());
+    if radial.higher.as_ref().is_some_and(|higher| higher.above) {
         estimate.verdict = Verdict::UndecidedModel;
     }
-    estimate.warnings = warnings(parts, &radial, &estimate.outliers);
+    estimate.warnings = warnings(parts, &radial);
     estimate
 }
 
@@ -122,7 +118,7 @@ fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
     lines
 }
 
-fn warnings(parts: &Parts<'_>, radial: &RadialCheck, outliers: &[Outlier]) -> Vec<String> {
+fn warnings(parts: &Parts<'_>, radial: &RadialCheck) -> Vec<String> {
     let axis = parts.axis.axis;
     let mut lines = Vec::new();
     match parts.sense {
@@ -136,7 +132,7 @@ fn warnings(parts: &Parts<'_>, radial: &RadialCheck, outliers: &[Outlier]) -> Ve
         )),
     }
     lines.extend(parts.identification.misfit_warning(&MISFIT_ADVICE));
-    lines.extend(outliers.iter().map(in_words));
+    lines.extend(parts.identification.checked.warnings.iter().cloned());
     lines.extend(radial.warnings(axis));
     if !parts.timed && parts.settings.drift_order > 0 {
         lines.push(

@@ -146,6 +146,11 @@ impl ObservationModel for LinearisedFit<'_> {
         Response { unknowns: multiply(&self.sensitivity, change), residuals }
     }
 
+    fn leverage(&self) -> Vec<f64> {
+        let Fit { x, a, sigma, solution, .. } = self.fit;
+        LinearFit { x, a, sigma, gain: &solution.gain }.leverage()
+    }
+
     fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let unknowns = self.unknowns();
         self.functions_near(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())

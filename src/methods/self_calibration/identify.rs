@@ -12,7 +12,8 @@ use super::sense;
 use super::settings::Settings;
 use super::sources::{interruptions, rotary_axis, sources};
 use crate::identification::{
-    self, KnownMotions, Outputs, Solution, TrialPlan, UncertaintySource, block_covariances,
+    self, KnownMotions, Measurement, Outputs, Solution, TrialPlan, UncertaintySource,
+    block_covariances,
 };
 use crate::{IdentifyError, Refused};
 use estimation::linear::Survey;
@@ -64,7 +65,7 @@ pub fn check_well_posed(
 }
 
 /// A reading at the start of its touch: only its place in the design counts.
-fn nominal_reading(step: &Step) -> Reading {
+pub fn nominal_reading(step: &Step) -> Reading {
     Reading {
         step: step.id,
         repeat: 0,
@@ -130,6 +131,22 @@ pub fn identify(
     known: &KnownMotions<'_>,
     readings: &[Reading],
 ) -> Result<Estimate, IdentifyError> {
+    let trials = |fit: &Fit| Some(trial_plan(settings, fit));
+    Ok(estimate::estimate(&parts(plan, settings, planner, known, readings, trials)?))
+}
+
+/// The solved cycle with its uncertainty.
+///
+/// # Errors
+/// As [`identify`].
+pub fn parts<'a>(
+    plan: &'a Plan,
+    settings: &'a Settings,
+    planner: &'a Planner<'_>,
+    known: &'a KnownMotions<'a>,
+    readings: &[Reading],
+    trials: impl Fn(&Fit) -> Option<TrialPlan>,
+) -> Result<Parts<'a>, IdentifyError> {
     let (heights, axis) = (planner.heights(), planner.axis());
     let observed = ObservedAxis { axis, heights: &heights, known };
     let Fitted { fit, sources, outputs, timed, left_out } =
@@ -141,13 +158,26 @@ pub fn identify(
         residuals: &weighted,
         is_declared: plan.probe.repeatability_um.is_some(),
         figures: fit.figures(&residuals),
+        measurements: &measurements(plan, &fit, &residuals),
     };
-    let trials = Some(trial_plan(settings, &fit));
-    let identification = identification::identify(&solution, &sources, outputs, trials)?;
+    let identification = identification::identify(&solution, &sources, outputs, trials(&fit))?;
     let sense = sense::judge(&fit);
-    let parts =
-        Parts { plan, settings, axis, heights, known, fit, identification, sense, timed, left_out };
-    Ok(estimate::estimate(&parts))
+    Ok(Parts { plan, settings, axis, heights, known, fit, identification, sense, timed, left_out })
+}
+
+/// The touches. Deviations count along the ray, outward.
+fn measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<Measurement> {
+    let label = |id: u32| {
+        let step = plan.steps.iter().find(|step| step.id == id);
+        step.map_or_else(|| id.to_string(), |step| step.label.clone())
+    };
+    let all = fit.observations.iter().zip(residuals).zip(&fit.sigma).enumerate();
+    let measurement = |(i, ((seen, residual), sigma)): (usize, ((&Observation, &f64), &f64))| {
+        let label = label(seen.step);
+        let in_words = format!("touch {label}");
+        Measurement { label, in_words, rows: i..i + 1, residual_mm: *residual, u_mm: *sigma }
+    };
+    all.map(measurement).collect()
 }
 
 fn fit(

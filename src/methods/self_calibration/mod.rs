@@ -8,11 +8,11 @@ mod bend;
 mod design;
 mod estimate;
 mod fit;
+mod forecast;
 mod gaps;
 mod identify;
 mod model;
 mod observe;
-mod outliers;
 mod outputs;
 mod paper;
 mod parts;
@@ -145,6 +145,13 @@ impl Method for SelfCalibration {
             _ => planner.nominal_part(),
         };
         self.cycle(plan, &planner, part)
+    }
+
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+        let planner = Planner::new(plan, &self.settings)?;
+        let known = KnownMotions::new(planner.axis().axis, &plan.priors)?;
+        let lines = forecast::forecast(plan, &self.settings, &planner, &known, machine_s);
+        lines.map_err(|error| Refused::new(error.to_string(), error.remedy()))
     }
 
     fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {

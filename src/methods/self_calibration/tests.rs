@@ -41,7 +41,7 @@ fn worst_sigma(form: &PaperForm) -> f64 {
 }
 
 #[test]
-fn paper_rank_and_condition_of_the_design_of_section_2_3() {
+fn gate_g1_rank_and_condition_of_the_papers_design() {
     let form = paper_design(8, 1);
     let free = survey(form.a.as_ref(), None, RANK_THRESHOLD).unwrap();
     assert_eq!((free.rank, free.nullity), (26, 6));
@@ -93,6 +93,7 @@ fn standard_deviations(form: &PaperForm, trials: usize) -> Vec<f64> {
         residuals: &vec![0.0; sigma.len()],
         is_declared: true,
         figures,
+        measurements: &[],
     };
     let source = UncertaintySource::new("differences", Effect::Each(sigma.clone()));
     let plan = TrialPlan { seed: 5, trials: Trials::Fixed(trials) };
@@ -236,7 +237,7 @@ fn regress_second_order_correction_on_exact_geometry() {
 /// The pattern of paper 1, Table 9: the machine's origin shifted by ±20 um, the centre comes back
 /// as c0 − shift.
 #[test]
-fn paper_table_9_shifted_origins() {
+fn gate_g1_shifted_origins() {
     let axis = [0.003, 0.005];
     let centre = [0.4, -0.3];
     let shifts =
@@ -252,8 +253,8 @@ fn paper_table_9_shifted_origins() {
     }
 }
 
-/// The Gauss circle through the paper's design, c = (3, 5.1) um: METHODS gives 2.93/3.11 at k = 2
-/// (paper 1, Table 6 prints 3.68/3.10; its X is no gate).
+/// Paper 1, Table 6, the Gauss circle for c = (3, 5.1) um: U = 3.10 um of EY0C at k = 2. EX0C is the exception: the
+/// paper prints 3.68 um, METHODS finds 2.93 um.
 #[test]
 fn paper_table_6_circle_centre() {
     let form = paper_design(8, 1);
@@ -286,7 +287,7 @@ fn paper_table_6_circle_centre() {
     };
     let tolerance = 0.06 * (f64::from(FULL) / f64::from(trials)).sqrt();
     assert!((expanded(0) - 2.93).abs() < tolerance, "{}", expanded(0));
-    assert!((expanded(1) - 3.11).abs() < tolerance, "{}", expanded(1));
+    assert!((expanded(1) - 3.10).abs() < tolerance, "{}", expanded(1));
 }
 
 #[test]

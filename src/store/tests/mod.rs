@@ -86,6 +86,7 @@ fn estimate(value: f64) -> Estimate {
         dof: None,
         identifiable: true,
         u_monte_carlo: None,
+        interval_monte_carlo: None,
         budget: Vec::new(),
         judged: None,
     });

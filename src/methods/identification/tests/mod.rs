@@ -54,7 +54,7 @@ pub fn solution<'a>(
     let rank = model.unknowns();
     let dof = residuals.len().saturating_sub(rank);
     let figures = FitFigures { rank, unknowns: rank, condition: 1.0, dof, residual_rms_mm: 0.0 };
-    Solution { model, residuals, is_declared, figures }
+    Solution { model, residuals, is_declared, figures, measurements: &[] }
 }
 
 pub fn assert_near(found: f64, expected: f64, tolerance: f64) {

@@ -1,52 +1,77 @@
-//! Far measurements.
+//! Measurements that are far from all others.
 
-use super::assert_near;
-use crate::identification::{FarMeasurement, RowResiduals, are_alike};
+use super::{Mean, assert_near};
+use crate::identification::outliers::{RowResiduals, are_alike};
+use crate::identification::{Effect, Measurement, Outputs, Solution, UncertaintySource, identify};
 
-/// Readings of one quantity, one of them far off. Mean, scatter and prediction without that one are made by leaving
-/// it out.
+/// Readings of one quantity, each a measurement, of 1 mm standard uncertainty.
+fn checked(readings: &[f64], is_declared: bool, rows: usize) -> Vec<(String, f64)> {
+    let mean = Mean::of(readings);
+    let fit = mean.fit();
+    let measurement = |i: usize| Measurement {
+        label: i.to_string(),
+        in_words: format!("reading {i}"),
+        rows: rows * i..rows * (i + 1),
+        residual_mm: mean.residuals[rows * i],
+        u_mm: 1.0,
+    };
+    let measurements: Vec<Measurement> = (0..readings.len() / rows).map(measurement).collect();
+    let solution = Solution { measurements: &measurements, ..mean.solution(&fit, is_declared) };
+    let source = UncertaintySource::new("each", Effect::Each(vec![1.0; readings.len()]));
+    let found = identify(&solution, &[source], Outputs::default(), None).unwrap();
+    let outliers = found.checked.outliers.into_iter();
+    outliers.map(|outlier| (outlier.candidates[0].label.clone(), outlier.t)).collect()
+}
+
+const READINGS: [f64; 8] = [10.2, 9.7, 10.1, 9.9, 10.4, 9.8, 10.0, 14.0];
+
+/// Mean, scatter and prediction without the far one are made by leaving it out.
 #[test]
 fn a_reading_is_compared_with_all_others() {
-    let readings = [10.2, 9.7, 10.1, 9.9, 10.4, 9.8, 10.0, 14.0];
-    let count = readings.len() as f64;
-    let mean = readings.iter().sum::<f64>() / count;
-    let residuals = readings.map(|reading| reading - mean);
-    let declared = |is_declared, rows| RowResiduals {
-        residuals: &residuals,
-        leverage: &[1.0 / 8.0; 8],
-        dof: 7,
-        is_declared,
-        rows,
-    };
-    let rows = |rows| declared(false, rows);
-    let others = &readings[..7];
+    let others = &READINGS[..7];
     let without = others.iter().sum::<f64>() / 7.0;
     let variance = others.iter().map(|own| (own - without).powi(2)).sum::<f64>() / 6.0;
     let expected = (14.0 - without) / (variance * (1.0 + 1.0 / 7.0)).sqrt();
-    let far = rows((0..8).map(|i| i..i + 1).collect()).far_measurements();
-    let [FarMeasurement { number: 7, t }] = far[..] else { panic!("{far:?}") };
-    assert_near(t, expected, 1e-12);
+    let found = checked(&READINGS, false, 1);
+    let [(label, t)] = &found[..] else { panic!("{found:?}") };
+    assert_eq!(label, "7");
+    assert_near(*t, expected, 1e-9);
     // The others scatter less than declared, and 4 is not far beside 1.
-    assert!(declared(true, (0..8).map(|i| i..i + 1).collect()).far_measurements().is_empty());
-    // The largest of the rows of a measurement counts.
-    let pairs = rows((0..4).map(|i| 2 * i..2 * i + 2).collect()).far_measurements();
-    assert_eq!(pairs, [FarMeasurement { number: 3, t }]);
+    assert!(checked(&READINGS, true, 1).is_empty());
+    let pairs = checked(&READINGS, false, 2);
+    assert_eq!((pairs.len(), &*pairs[0].0), (1, "3"));
+}
+
+/// Tables of Student's t (ν = 19) and of F (3 and 20 degrees of freedom) at 0.1 %.
+#[test]
+fn limits_are_those_of_tables() {
+    let rows = RowResiduals {
+        residuals: &[0.0; 3],
+        variances: &[1.0; 3],
+        chi2: 20.0,
+        dof: 20.0,
+        is_declared: true,
+    };
+    assert_near(rows.limit(0..1, 1e-3).unwrap(), 3.883, 5e-4);
+    let three = RowResiduals { dof: 23.0, ..rows };
+    assert_near(three.limit(0..3, 1e-3).unwrap().powi(2) / 3.0, 8.10, 5e-3);
 }
 
 /// A row that is explained by itself is not checked, and without degrees of freedom nothing is.
 #[test]
 fn what_no_other_row_checks_is_not_judged() {
-    let residuals = [0.1, -0.2, 0.1, 1e6];
     let rows = |dof| RowResiduals {
-        residuals: &residuals,
-        leverage: &[0.4, 0.4, 0.4, 1.0],
+        residuals: &[0.1, -0.2, 0.1, 1e6],
+        variances: &[0.6, 0.6, 0.6, 0.0],
+        chi2: 0.1,
         dof,
         is_declared: false,
-        rows: (0..4).map(|i| i..i + 1).collect(),
     };
-    assert!(rows(2).far_measurements().is_empty() && rows(1).far_measurements().is_empty());
-    assert!(rows(20).smallest_found(0).is_finite());
-    assert!(rows(20).smallest_found(3).is_infinite() && rows(1).smallest_found(0).is_infinite());
+    assert!(rows(20.0).limit(0..1, 1e-3).is_some() && rows(1.5).limit(0..1, 1e-3).is_none());
+    assert!(rows(20.0).limit(3..4, 1e-3).is_none());
+    assert_eq!(rows(20.0).studentised(3..4), 0.0);
+    // Of the three rows of a place the two that are checked count.
+    assert_eq!(rows(20.0).limit(1..4, 1e-3), rows(20.0).limit(0..2, 1e-3));
 }
 
 #[test]

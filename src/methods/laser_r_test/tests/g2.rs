@@ -14,6 +14,7 @@ use estimation::schur::{Rows, factor};
 use machine::kinematics::Chain;
 use machine::record::estimate::Estimate;
 use machine::{Axis, Position};
+use testing::population::{population, ratio_bounds};
 
 pub const FIVE: [&str; 5] = ["EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
 /// Of Table 5, in µrad and µm.
@@ -59,7 +60,7 @@ pub fn problem(
 
 /// The set that the topology implies is the paper's, and what it gives at 1 µm.
 #[test]
-fn paper_five_parameters_with_offset_and_sphere() {
+fn gate_g2_five_parameters_with_offset_and_sphere() {
     let (problem, x) = problem(&[], &[], Vector3::new(80.0, 0.0, 60.0), 1e-3);
     let names: Vec<String> = problem.model.parameters.iter().map(ToString::to_string).collect();
     assert_eq!(names, FIVE);
@@ -76,7 +77,7 @@ fn paper_five_parameters_with_offset_and_sphere() {
 
 /// METHODS' columns are the chain's, but for what offset and sphere position take up.
 #[test]
-fn paper_columns_are_those_of_the_exact_chain() {
+fn gate_g2_columns_are_those_of_the_exact_chain() {
     let ball = Vector3::new(80.0, -12.0, 60.0);
     let (problem, x) = problem(&[], &[], ball, 1.0);
     let count = 3 * problem.sights.len();
@@ -163,31 +164,33 @@ fn paper_table_5_comes_back_without_noise() {
 
 #[test]
 fn regress_noise_scatters_as_predicted() {
-    const SEEDS: u64 = 30;
+    // The scatter of the 30 seeds of METHODS, G2, is itself known to 13 %: more of them judge each parameter.
+    const FULL: u64 = 400;
+    let seeds = population(FULL);
+    let (low, high) = ratio_bounds(seeds, FULL, (0.85, 1.15));
     let (mut squares, mut predicted) = ([0.0; 5], [0.0; 5]);
     let own = settings();
-    for seed in 0..SEEDS {
+    for seed in 0..seeds {
         let (plan, _, readings) = run(ideal(0.5), &own, &table_5(0.5, seed), 9).unwrap();
         let bench = Bench::new(&plan, &own).unwrap();
         let estimate = identify(&bench, &readings).unwrap();
         for (i, (value, u)) in five(&estimate).into_iter().enumerate() {
-            squares[i] += (value - TABLE_5[i] * EDGE[i]).powi(2) / SEEDS as f64;
+            squares[i] += (value - TABLE_5[i] * EDGE[i]).powi(2) / seeds as f64;
             predicted[i] = u;
         }
     }
-    let mut ratio = 0.0;
     for i in 0..5 {
         let sd = squares[i].sqrt();
         println!("{}: observed {sd:.3}, predicted {:.3}", FIVE[i], predicted[i]);
         assert!(sd <= if i == 3 { 0.2 } else { 2.0 }, "{}: {sd}", FIVE[i]);
-        ratio += squares[i] / predicted[i].powi(2) / 5.0;
+        let ratio = sd / predicted[i];
+        assert!((low..=high).contains(&ratio), "{}: {ratio}", FIVE[i]);
     }
-    assert!((0.85..=1.15).contains(&ratio.sqrt()), "{}", ratio.sqrt());
 }
 
 /// The paper's own estimator: without noise it is right but for second order, and it stands beside ours.
 #[test]
-fn paper_own_estimator_comes_near() {
+fn the_papers_own_estimator_comes_near() {
     let (plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.0, 1), 9).unwrap();
     let own = settings();
     let bench = Bench::new(&plan, &own).unwrap();

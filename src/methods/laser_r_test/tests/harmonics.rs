@@ -10,7 +10,7 @@ use machine::kinematics::Chain;
 const BALL: Vector3<f64> = Vector3::new(80.0, 0.0, 60.0);
 
 #[test]
-fn paper_second_harmonics_of_b_have_full_rank() {
+fn second_harmonics_of_b_have_full_rank() {
     let (problem, x) = problem(&[], &[2], BALL, 1e-3);
     let survey = problem.survey(&x).unwrap();
     println!("condition {}", survey.condition);

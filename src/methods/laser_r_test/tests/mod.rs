@@ -38,6 +38,7 @@ pub fn plan() -> Plan {
         priors: Vec::new(),
         gaps_s: Vec::new(),
         assumed: Vec::new(),
+        compensations_active: Vec::new(),
         steps: Vec::new(),
     }
 }

@@ -12,7 +12,7 @@ const SAMPLES: usize = 360;
 const NOISE_MM: f64 = 0.05e-3;
 
 #[test]
-fn paper_determinant_and_noise_gain() {
+fn gate_g3_determinant_and_noise_gain() {
     assert!((determinant(ANGLES, 4) - 0.8158).abs() < 5e-5, "{}", determinant(ANGLES, 4));
     assert_eq!(suppressed_orders(ANGLES, 40), [1, 35, 37]);
     assert_eq!(weak_orders(ANGLES, 40), [4, 32, 40]);
@@ -55,7 +55,7 @@ fn paper_layout() -> ProbeLayout {
 }
 
 #[test]
-fn paper_monte_carlo_of_the_combined_separation() {
+fn gate_g3_monte_carlo_of_the_combined_separation() {
     let (layout, rows) = (paper_layout(), paper_rows());
     let basis = HarmonicBasis::new(SAMPLES, 20);
     let (mut squares, mut predicted, mut trials) = (vec![0.0; 20], vec![0.0; 20], 0.0);
@@ -101,7 +101,7 @@ fn paper_monte_carlo_of_the_combined_separation() {
 }
 
 #[test]
-fn paper_noise_free_separation_is_exact() {
+fn gate_g3_noise_free_separation_is_exact() {
     let (layout, rows) = (paper_layout(), paper_rows());
     let mut world = World::random(7, 20, 1, 0.0);
     world.a.clear();

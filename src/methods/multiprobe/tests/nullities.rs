@@ -30,7 +30,7 @@ fn nullity(layout: &ProbeLayout, rows: &[Row], order: usize) -> usize {
 }
 
 #[test]
-fn paper_nullities_of_a_block() {
+fn gate_g3_nullities_of_a_block() {
     for turn in [1.0, -1.0] {
         let layout = layout(10, turn);
         let all = layout.all_rows();

@@ -54,6 +54,7 @@ pub fn plan(settings: &Settings) -> Plan {
         priors: Vec::new(),
         gaps_s: Vec::new(),
         assumed: Vec::new(),
+        compensations_active: Vec::new(),
         steps: Vec::new(),
     }
 }

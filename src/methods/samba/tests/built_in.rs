@@ -43,6 +43,7 @@ pub fn plan_of(file: &str, method: &str) -> Plan {
         priors: Vec::new(),
         gaps_s: Vec::new(),
         assumed: Vec::new(),
+        compensations_active: Vec::new(),
         steps: Vec::new(),
     }
 }

@@ -91,7 +91,7 @@ fn survey(kind: Kind, bar: bool, spindle: bool) -> (Survey, Vec<String>) {
 }
 
 #[test]
-fn paper_ranks_and_what_is_lost_in_words() {
+fn gate_g4_ranks_and_what_is_lost_in_words() {
     for kind in ALL {
         check_ranks(kind);
     }
@@ -160,7 +160,7 @@ fn regress_no_misclosure_at_the_truth() {
 }
 
 #[test]
-fn paper_noise_free_recovery_in_three_steps() {
+fn gate_g4_noise_free_recovery_in_three_steps() {
     ALL.into_iter().for_each(check_recovery);
 }
 
@@ -184,7 +184,7 @@ fn check_recovery(kind: Kind) {
 
 /// Offsets ≤ 0.8 µm, angles ≤ 2 µrad, gains ≤ 2.5 µm/m; and 200 seeds scatter as predicted.
 #[test]
-fn paper_uncertainties_as_predicted_and_as_seen_over_200_seeds() {
+fn gate_g4_uncertainties_as_predicted_and_as_seen_over_200_seeds() {
     for kind in ALL {
         let (problem, exact) = measured(kind, true, true);
         check_requirements(kind, &problem, &exact);

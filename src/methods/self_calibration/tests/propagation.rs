@@ -58,7 +58,8 @@ fn identified(fit: &Fit, is_declared: bool, trials: Option<TrialPlan>) -> Identi
     let residuals = fit.residuals();
     let weighted: Vec<f64> = residuals.iter().map(|residual| residual / SIGMA_MM).collect();
     let (model, figures) = (&LinearisedFit::new(fit), fit.figures(&residuals));
-    let solution = Solution { model, residuals: &weighted, is_declared, figures };
+    let solution =
+        Solution { model, residuals: &weighted, is_declared, figures, measurements: &[] };
     identify(&solution, &sources(fit), outputs(&fit.layout, Axis::C, &[0.0], &fit.x), trials)
         .unwrap()
 }

@@ -59,6 +59,9 @@ pub struct ParameterView {
     identifiable: bool,
     #[schema(required = false)]
     u_monte_carlo: Option<f64>,
+    /// Shortest interval by Monte Carlo that covers with the probability of k.
+    #[schema(required = false)]
+    interval_monte_carlo: Option<[f64; 2]>,
     #[schema(required = false)]
     budget: Vec<BudgetView>,
     /// Absent without a limit.
@@ -316,6 +319,7 @@ mod tests {
             dof: Some(9.0),
             identifiable: true,
             u_monte_carlo: Some(0.5),
+            interval_monte_carlo: Some([0.5, 2.5]),
             budget: vec![BudgetLine {
                 source: "probe".to_owned(),
                 evaluation: Some(EvaluationType::A),

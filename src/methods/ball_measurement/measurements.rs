@@ -1,0 +1,29 @@
+//! Each ball at each indexation as a measurement that is compared with all others.
+
+use nalgebra::Vector3;
+
+use super::observe::Observed;
+use super::setup::describe_position;
+use crate::identification::Measurement;
+
+/// `of_centre`: the residual, mm, the first of its three rows and the standard uncertainty of a coordinate, mm, of a
+/// measured centre.
+pub fn measurements(
+    observed: &Observed,
+    of_centre: impl Fn(usize) -> (Vector3<f64>, usize, f64),
+) -> Vec<Measurement> {
+    let measurement = |centre: usize| {
+        let (residual, first, u_mm) = of_centre(centre);
+        let measured = &observed.centres[centre];
+        let (label, at) = (&measured.label, &observed.commanded[measured.commanded]);
+        let (ball, number) = (&label.ball, label.number());
+        Measurement {
+            label: label.measurement(),
+            in_words: format!("ball {ball} at indexation {number} ({})", describe_position(at)),
+            rows: first..first + 3,
+            residual_mm: residual.norm(),
+            u_mm,
+        }
+    };
+    (0..observed.centres.len()).map(measurement).collect()
+}

@@ -1,0 +1,148 @@
+//! One measurement that is off, and none, on the machines that are built in (METHODS section 6).
+
+use nalgebra::{Unit, Vector3};
+use rayon::prelude::*;
+use toml::Value;
+use trued::setup::{self, MachineFile};
+
+use estimation::random::stream;
+use machine::Axis;
+use machine::record::estimate::{Estimate, Verdict};
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
+use methods::Method;
+use rand::RngExt;
+use testing::population::{count_bound, is_full, population};
+
+use crate::ball_plate;
+use crate::machine_text::changed;
+use crate::support::plan_player;
+use crate::touch_alone::touch_alone;
+
+/// A method on its built-in machine.
+struct Case {
+    method: &'static str,
+    file: fn(u64) -> MachineFile,
+}
+
+const CASES: [Case; 4] = [
+    Case {
+        method: "samba",
+        file: |seed| built_in("samba", include_str!("../../config/samba.toml"), seed),
+    },
+    Case { method: "ball-plate", file: |seed| ball_plate::machine(seed, &ball_plate::small()) },
+    Case {
+        method: "laser-r-test",
+        file: |seed| built_in("laser-r-test", include_str!("../../config/laser.toml"), seed),
+    },
+    Case {
+        method: "r-test",
+        file: |seed| built_in("r-test", include_str!("../../config/r-test.toml"), seed),
+    },
+];
+
+fn built_in(method: &str, text: &str, seed: u64) -> MachineFile {
+    let trials = format!("method.{method}.monte_carlo_trials");
+    let fixed =
+        [("simulated.seed", Value::Integer(seed as i64)), (trials.as_str(), Value::Integer(100))];
+    changed(text, &fixed)
+}
+
+struct Measured {
+    method: Box<dyn Method>,
+    plan: Plan,
+    readings: Vec<Reading>,
+}
+
+impl Case {
+    fn measured(&self, seed: u64) -> Measured {
+        let file = (self.file)(seed);
+        let (method, header) = setup::header(&file, self.method, None).unwrap();
+        let mut world = setup::world(&file).unwrap();
+        let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
+        let (plan, readings) = played.unwrap();
+        Measured { method, plan, readings }
+    }
+}
+
+impl Measured {
+    fn estimate(&self) -> Estimate {
+        self.method.identify(&self.plan, &self.readings).unwrap()
+    }
+
+    /// Moves the measurement of this label: a place by the vector; of the r-test the mean of a sensor at a point of a
+    /// path, by the vector's length.
+    fn displace(&mut self, label: &str, by: Vector3<f64>) {
+        let steps = &self.plan.steps;
+        let step_of =
+            |reading: &Reading| steps.iter().find(|step| step.id == reading.step).unwrap();
+        let of_place = |step: &str| step == label || step.starts_with(&format!("{label}/"));
+        for reading in &mut self.readings {
+            let step = step_of(reading);
+            if of_place(&step.label) {
+                let moved = reading.position.xyz() + by;
+                for (axis, value) in Axis::LINEAR.into_iter().zip(moved.iter()) {
+                    reading.position.set(axis, *value);
+                }
+            }
+            let Some(scan) = &step.scan else { continue };
+            let distance = |at: &machine::Position| -> f64 {
+                at.iter().map(|(axis, at)| (reading.position.at(axis) - at).powi(2)).sum()
+            };
+            let nearest = (0..scan.path.len())
+                .min_by(|a, b| distance(&scan.path[*a]).total_cmp(&distance(&scan.path[*b])));
+            let own = format!("{}/{}/{}", step.label, nearest.unwrap() + 1, reading.sensor);
+            if own == label {
+                reading.value_mm = reading.value_mm.map(|mm| mm + by.norm());
+            }
+        }
+    }
+}
+
+/// By as much as the estimate states for it, in any direction: it is named, and no verdict is based on it.
+#[test]
+fn a_measurement_that_is_off_is_named() {
+    let worlds = population(100);
+    for case in &CASES {
+        let is_named = |seed: u64| {
+            let mut measured = case.measured(seed);
+            let sound = measured.estimate();
+            let random = &mut stream(seed, &[0x6f66_6600]);
+            let checked: Vec<_> =
+                sound.smallest_found.iter().filter(|one| one.deviation_um.is_some()).collect();
+            let one = checked[random.random_range(0..checked.len())];
+            let mut component = || random.random_range(-1.0..1.0);
+            let towards = Vector3::new(component(), component(), component());
+            let by = Unit::new_normalize(towards).into_inner() * one.deviation_um.unwrap() * 1e-3;
+            measured.displace(&one.label, by);
+            let off = measured.estimate();
+            let mut candidates = off.outliers.iter().flat_map(|outlier| &outlier.candidates);
+            candidates.any(|candidate| candidate.label == one.label)
+                && off.verdict == Verdict::UndecidedModel
+        };
+        let seeds = (3000..3000 + worlds).into_par_iter();
+        let named = seeds.filter(|seed| is_named(*seed)).count() as u64;
+        println!("{}: {named} of {worlds} named", case.method);
+        assert!(named >= worlds - count_bound(worlds, 100, (0.05, 10)), "{named} of {worlds}");
+    }
+}
+
+/// All alarms of a sound machine together: 1 %.
+#[test]
+fn a_sound_machine_is_not_flagged() {
+    let worlds = if is_full() { 300 } else { 30 };
+    for case in &CASES {
+        let is_flagged = |seed: u64| {
+            let estimate = case.measured(seed).estimate();
+            let flagged = estimate.verdict == Verdict::UndecidedModel;
+            if flagged {
+                println!("{} {seed}: {:?}", case.method, estimate.warnings);
+            }
+            flagged
+        };
+        let seeds = (4000..4000 + worlds).into_par_iter();
+        let flagged = seeds.filter(|seed| is_flagged(*seed)).count() as u64;
+        println!("{}: {flagged} of {worlds} flagged", case.method);
+        assert!(flagged <= count_bound(worlds, 300, (0.01, 6)), "{}: {flagged}", case.method);
+    }
+}
