@@ -45,6 +45,11 @@ impl World {
         self
     }
 
+    pub fn without(mut self, key: &str) -> Self {
+        self.0.remove(key);
+        self
+    }
+
     /// A key of the scale bar.
     pub fn with_bar(mut self, key: &str, value: f64) -> Self {
         let lengths = self.table("artefact")["lengths"].as_array_mut().unwrap();

@@ -7,6 +7,7 @@ mod cover;
 mod designs;
 mod moved;
 mod played;
+mod topologies;
 
 use bench::{Bench, Failed, Measured, Series, World};
 use testing::population::{count_bound, population};
