@@ -26,7 +26,9 @@ mod proof_sweep;
 mod r_test;
 mod round_fits;
 mod samba;
+mod sources_alone;
 mod touch_alone;
+mod undeclared;
 mod worlds;
 
 #[path = "../support"]

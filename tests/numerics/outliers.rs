@@ -48,10 +48,15 @@ fn built_in(method: &str, text: &str, seed: u64) -> MachineFile {
     changed(text, &fixed)
 }
 
-struct Measured {
+pub struct Measured {
     method: Box<dyn Method>,
     plan: Plan,
-    readings: Vec<Reading>,
+    pub readings: Vec<Reading>,
+}
+
+/// By a method on its built-in machine, in the world of this seed.
+pub fn measured(method: &str, seed: u64) -> Measured {
+    CASES.iter().find(|case| case.method == method).unwrap().measured(seed)
 }
 
 impl Case {
@@ -66,7 +71,7 @@ impl Case {
 }
 
 impl Measured {
-    fn estimate(&self) -> Estimate {
+    pub fn estimate(&self) -> Estimate {
         self.method.identify(&self.plan, &self.readings).unwrap()
     }
 

@@ -7,6 +7,7 @@
 //! Observations are numbers of one unit, mm, in an order that the method fixes; sources refer to them
 //! by index. The core imports no method.
 
+mod aliasing;
 mod assumed;
 mod blocks;
 pub mod declared;
@@ -26,6 +27,7 @@ mod source;
 mod trials;
 mod warnings;
 
+pub use aliasing::aliased;
 pub use assumed::mark_assumed;
 pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
 pub use error_motions::{RevolutionRanges, revolution_parameters, turning_axis_ranges};

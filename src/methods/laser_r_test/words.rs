@@ -5,7 +5,8 @@ use super::label::Pass;
 use super::observe::Observed;
 use super::paper;
 use super::parts::Parts;
-use crate::identification::MisfitAdvice;
+use crate::identification::{MisfitAdvice, aliased};
+use machine::Axis;
 use machine::kinematics::Shape;
 use machine::record::estimate::Unit;
 
@@ -193,6 +194,12 @@ pub fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
                 .to_owned(),
         );
     }
+    let angles = |axis: Axis| -> Vec<f64> {
+        parts.grouped.groups.iter().map(|group| group.rotary.at(axis)).collect()
+    };
+    let axes = parts.bench.chain.topology().axes();
+    let rotary = axes.filter(|axis| !axis.is_linear() && *axis != Axis::S);
+    lines.extend(rotary.filter_map(|axis| aliased(axis, &angles(axis))));
     lines.extend(parts.identified.checked.limits());
     lines
 }

@@ -9,7 +9,7 @@ use super::harmonics;
 use super::left_out::{LeftOut, in_words, left_out};
 use super::solution::GeometrySolution;
 use super::warnings::{self, place_name};
-use crate::identification::{Identification, Output, Outputs, reported_unit};
+use crate::identification::{Identification, Output, Outputs, aliased, reported_unit};
 use machine::kinematics::{ErrorParameter, Shape};
 use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Estimate, Unit, VectorKind};
 use machine::{Axis, Position};
@@ -44,8 +44,15 @@ fn not_identifiable(
     identified: &Identification,
     left_out: &[LeftOut],
 ) -> Vec<String> {
-    let limits = identified.checked.limits();
-    [in_words(left_out), solved.thin(), limits.into_iter().collect()].concat()
+    let angles = |axis: Axis| -> Vec<f64> {
+        solved.observed.commanded.iter().map(|place| place.at(axis)).collect()
+    };
+    let axes = solved.problem.model().chain().topology().axes();
+    let rotary = axes.filter(|axis| !axis.is_linear() && *axis != Axis::S);
+    let mut lines = [in_words(left_out), solved.thin()].concat();
+    lines.extend(rotary.filter_map(|axis| aliased(axis, &angles(axis))));
+    lines.extend(identified.checked.limits());
+    lines
 }
 
 fn arrows(solved: &GeometrySolution<'_>, identified: &Identification) -> ArrowFigure {

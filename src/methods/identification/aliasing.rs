@@ -1,0 +1,53 @@
+//! Orders of a rotary axis' error motion that the measured angles cannot tell from its location.
+
+use machine::Axis;
+
+/// Orders that are looked at.
+const ORDERS: std::ops::RangeInclusive<u32> = 1..=12;
+const SAME: f64 = 1e-6;
+
+/// Orders whose harmonics have the same value at all `angles`, rad. None where the axis does not turn.
+fn aliased_orders(angles: &[f64]) -> Vec<u32> {
+    let Some(first) = angles.first() else { return Vec::new() };
+    let is_same = |by: f64| (by.cos() - 1.0).abs() < SAME;
+    if angles.iter().all(|angle| (angle - first).abs() < SAME) {
+        return Vec::new();
+    }
+    let is_aliased =
+        |order: &u32| angles.iter().all(|angle| is_same(f64::from(*order) * (angle - first)));
+    ORDERS.filter(is_aliased).collect()
+}
+
+/// A sentence for `not_identifiable`. `None`: the angles separate all orders that are looked at.
+pub fn aliased(axis: Axis, angles: &[f64]) -> Option<String> {
+    let orders = aliased_orders(angles);
+    let first = orders.first()?;
+    let named: Vec<String> = orders.iter().map(u32::to_string).collect();
+    let plural = if named.len() > 1 { "s" } else { "" };
+    Some(format!(
+        "error motions of {axis} at order{plural} {}: inseparable from its location errors ({axis} is measured at multiples of \
+         {}° only; an angle between them separates them)",
+        named.join(", "),
+        360 / first
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn orders_that_repeat_from_angle_to_angle_are_aliased() {
+        let angles =
+            |degrees: &[f64]| -> Vec<f64> { degrees.iter().map(|d| d.to_radians()).collect() };
+        let orders = |degrees: &[f64]| aliased_orders(&angles(degrees));
+        assert_eq!(orders(&[0.0, 90.0, 180.0, 270.0, 360.0]), [4, 8, 12]);
+        assert_eq!(orders(&[30.0, -90.0, 150.0]), [3, 6, 9, 12]);
+        // One angle between them, or none beside it.
+        assert!(orders(&[0.0, 90.0, 180.0, 200.0]).is_empty());
+        assert!(orders(&[45.0, 45.0]).is_empty() && orders(&[]).is_empty());
+        let line = aliased(Axis::C, &angles(&[0.0, 90.0, 270.0])).unwrap();
+        assert!(line.starts_with("error motions of C at orders 4, 8, 12: "), "{line}");
+        assert!(line.contains("multiples of 90°"), "{line}");
+    }
+}

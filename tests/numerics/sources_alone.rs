@@ -1,0 +1,185 @@
+//! METHODS, section 6: a source switched on changes its line of the budget and the scatter alike. Each world is
+//! measured with the source and without, all else being the same.
+
+use rayon::prelude::*;
+use toml::Value;
+use trued::setup::{self, MachineFile};
+
+use machine::record::estimate::Estimate;
+use testing::population::{is_full, ratio_bounds};
+
+use crate::ball_plate;
+use crate::machine_text::changed;
+use crate::support::plan_player;
+use crate::touch_alone::touch_alone;
+
+const FULL: u64 = 400;
+/// Parameters of which the source is less than this part of u are left out.
+const LEAST_PART: f64 = 0.05;
+
+/// A line of the budget; keys of the machine file with the sizes of the source and of nothing.
+struct Source {
+    line: &'static str,
+    keys: &'static [&'static str],
+    on: f64,
+    off: f64,
+}
+
+const fn source(line: &'static str, keys: &'static [&'static str], on: f64) -> Source {
+    Source { line, keys, on, off: 0.0 }
+}
+
+const LINEAR: [&str; 3] =
+    ["axes.X.error_motion_um", "axes.Y.error_motion_um", "axes.Z.error_motion_um"];
+const ROTARY: [&str; 2] = ["axes.B.error_motion_um", "axes.C.error_motion_um"];
+
+/// A declared repeatability cannot be 0.
+const REPEATABILITY: Source = Source {
+    line: "repeatability of a touch",
+    keys: &["probe.repeatability_um"],
+    on: 1.0,
+    off: 1e-6,
+};
+const LOBING: Source = source("probe lobing", &["probe.lobing_um"], 1.0);
+const STYLUS: Source = source("stylus offset", &["probe.stylus_offset_um"], 1.0);
+/// A lag is never negative: of one axis alone, for those of two are not independent in their difference.
+const BACKLASH_OF_X: Source = source("backlash", &["axes.X.backlash_um"], 2.0);
+const BACKLASH_OF_Z: Source = source("backlash", &["axes.Z.backlash_um"], 2.0);
+const LINEAR_MOTIONS: Source = source("error motions of X, Y and Z", &LINEAR, 1.0);
+const ROTARY_MOTIONS: Source = source("error motions of rotary axes", &ROTARY, 1.0);
+const DRIFT: Source = source("thermal drift", &["machine.drift_um_per_h"], 10.0);
+
+type Changes = Vec<(&'static str, Value)>;
+
+struct Case {
+    method: &'static str,
+    file: fn(u64, &[(&'static str, Value)]) -> MachineFile,
+    sources: &'static [Source],
+}
+
+const CASES: [Case; 5] = [
+    Case {
+        method: "self-calibration",
+        file: |seed, changes| {
+            let orders = ("axes.C.error_motion_orders", Value::Array(vec![Value::Integer(8)]));
+            let changes = [changes, &[orders]].concat();
+            built_in(
+                "self-calibration",
+                include_str!("../../config/simulated.toml"),
+                seed,
+                &changes,
+            )
+        },
+        sources: &[
+            REPEATABILITY,
+            LOBING,
+            STYLUS,
+            BACKLASH_OF_X,
+            source("error motions of C", &["axes.C.error_motion_um"], 1.0),
+        ],
+    },
+    Case {
+        method: "samba",
+        file: |seed, changes| {
+            let small: Changes = vec![
+                ("method.samba.balls", Value::Integer(40)),
+                ("method.samba.references", Value::Boolean(false)),
+                ("method.samba.find", "once".into()),
+            ];
+            let changes = [&small, changes].concat();
+            built_in("samba", include_str!("../../config/samba.toml"), seed, &changes)
+        },
+        sources: &[REPEATABILITY, LOBING, BACKLASH_OF_Z, LINEAR_MOTIONS, ROTARY_MOTIONS, DRIFT],
+    },
+    Case {
+        method: "ball-plate",
+        file: |seed, changes| ball_plate::machine(seed, &[&ball_plate::small(), changes].concat()),
+        sources: &[REPEATABILITY],
+    },
+    Case {
+        method: "laser-r-test",
+        file: |seed, changes| {
+            built_in("laser-r-test", include_str!("../../config/laser.toml"), seed, changes)
+        },
+        sources: &[LINEAR_MOTIONS, ROTARY_MOTIONS, DRIFT],
+    },
+    Case {
+        method: "r-test",
+        file: |seed, changes| {
+            built_in("r-test", include_str!("../../config/r-test.toml"), seed, changes)
+        },
+        sources: &[STYLUS, LINEAR_MOTIONS],
+    },
+];
+
+fn built_in(method: &str, text: &str, seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
+    let trials = format!("method.{method}.monte_carlo_trials");
+    // Rounding would not be the same with a source and without.
+    let fixed = [
+        ("simulated.seed", Value::Integer(seed as i64)),
+        (trials.as_str(), Value::Integer(100)),
+        ("axes.X.resolution_um", 0.0.into()),
+        ("axes.Y.resolution_um", 0.0.into()),
+        ("axes.Z.resolution_um", 0.0.into()),
+    ];
+    changed(text, fixed.iter().chain(changes))
+}
+
+impl Case {
+    fn file(&self, seed: u64, source: &Source, size: f64) -> MachineFile {
+        let changes: Changes = source.keys.iter().map(|key| (*key, size.into())).collect();
+        (self.file)(seed, &changes)
+    }
+
+    /// Of each parameter that has the line: seen over stated. The source is declared in either world.
+    fn ratios(&self, source: &Source, worlds: u64) -> Vec<(String, f64)> {
+        let declared = self.file(0, source, source.on);
+        let (method, header) = setup::header(&declared, self.method, None).unwrap();
+        let estimate = |seed: u64, size: f64| {
+            let mut world = setup::world(&self.file(seed, source, size)).unwrap();
+            let header = header.clone();
+            let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
+            let (plan, readings) = played.unwrap();
+            method.identify(&plan, &readings).unwrap()
+        };
+        let pair = |seed: u64| [source.on, source.off].map(|size| estimate(seed, size));
+        let pairs: Vec<[Estimate; 2]> = (6000..6000 + worlds).into_par_iter().map(pair).collect();
+        let mut ratios = Vec::new();
+        for (number, parameter) in pairs[0][0].parameters.iter().enumerate() {
+            let line = parameter.budget.iter().find(|line| line.source == source.line);
+            let line = line.filter(|line| line.u > LEAST_PART * parameter.u);
+            let Some(line) = line.filter(|_| is_fixed(source, &parameter.symbol)) else { continue };
+            let value = |estimate: &Estimate| estimate.parameters[number].value;
+            let squares = pairs.iter().map(|[on, off]| (value(on) - value(off)).powi(2));
+            let seen = (squares.sum::<f64>() / worlds as f64).sqrt();
+            ratios.push((parameter.symbol.clone(), seen / line.u));
+        }
+        ratios
+    }
+}
+
+/// Whether the true value is the same with the source and without: drift and the error of an axis at its zero move
+/// balls and stylus, and the spindle with it.
+fn is_fixed(source: &Source, symbol: &str) -> bool {
+    let moves = [DRIFT.line, LINEAR_MOTIONS.line].contains(&source.line);
+    !moves || symbol.starts_with('E') && !symbol.ends_with('S')
+}
+
+#[test]
+fn each_source_scatters_as_its_line_of_the_budget_says() {
+    let worlds = if is_full() { FULL } else { 12 };
+    let (low, high) = ratio_bounds(worlds, FULL, (0.8, 1.2));
+    let mut beyond = Vec::new();
+    for case in &CASES {
+        for source in case.sources {
+            let ratios = case.ratios(source, worlds);
+            let mean =
+                ratios.iter().map(|(_, ratio)| ratio * ratio).sum::<f64>() / ratios.len() as f64;
+            println!("{}, {}: {:.3} of {ratios:.2?}", case.method, source.line, mean.sqrt());
+            let each = ratios.iter().filter(|_| is_full()).map(|(_, ratio)| *ratio);
+            let is_beyond = each.chain([mean.sqrt()]).any(|ratio| !(low..high).contains(&ratio));
+            beyond.extend(is_beyond.then(|| format!("{}: {}", case.method, source.line)));
+        }
+    }
+    assert!(beyond.is_empty(), "beyond [{low:.3}, {high:.3}]: {beyond:?}");
+}
