@@ -52,6 +52,7 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             verdict => verdict(estimate),
             is_judged => estimate.parameters.iter().any(|p| p.judged.is_some()),
             decision_rule => estimate.decision_rule.as_deref(),
+            coverage => estimate.coverage_percent,
             parameters => estimate.parameters.iter().map(parameter).collect::<Vec<_>>(),
             key_results => key_results(&estimate.parameters),
             figures => figures(estimate),
@@ -170,7 +171,8 @@ fn budget(parameters: &[Parameter]) -> Value {
             }
         })
         .collect();
-    context! { sources => titles, rows }
+    let assumed = parameters.iter().flat_map(|p| &p.budget).any(|line| line.assumed);
+    context! { sources => titles, rows, assumed }
 }
 
 fn quality(estimate: &Estimate) -> Rows {
