@@ -31,6 +31,8 @@ const fn source(line: &'static str, keys: &'static [&'static str], on: f64) -> S
 
 const LINEAR: [&str; 3] =
     ["axes.X.error_motion_um", "axes.Y.error_motion_um", "axes.Z.error_motion_um"];
+const RESOLUTION: [&str; 3] =
+    ["axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um"];
 const ROTARY: [&str; 2] = ["axes.B.error_motion_um", "axes.C.error_motion_um"];
 
 /// A declared repeatability cannot be 0.
@@ -114,20 +116,17 @@ const CASES: [Case; 5] = [
 
 fn built_in(method: &str, text: &str, seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
     let trials = format!("method.{method}.monte_carlo_trials");
-    // Rounding would not be the same with a source and without.
-    let fixed = [
-        ("simulated.seed", Value::Integer(seed as i64)),
-        (trials.as_str(), Value::Integer(100)),
-        ("axes.X.resolution_um", 0.0.into()),
-        ("axes.Y.resolution_um", 0.0.into()),
-        ("axes.Z.resolution_um", 0.0.into()),
-    ];
+    let fixed =
+        [("simulated.seed", Value::Integer(seed as i64)), (trials.as_str(), Value::Integer(100))];
     changed(text, fixed.iter().chain(changes))
 }
 
 impl Case {
     fn file(&self, seed: u64, source: &Source, size: f64) -> MachineFile {
-        let changes: Changes = source.keys.iter().map(|key| (*key, size.into())).collect();
+        let own = source.keys.iter().map(|key| (*key, Value::Float(size)));
+        // Rounding would not be the same with a source and without.
+        let resolution = RESOLUTION.map(|key| (key, Value::Float(0.0)));
+        let changes: Changes = own.chain(resolution).collect();
         (self.file)(seed, &changes)
     }
 
