@@ -261,7 +261,10 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
             let files = if more.is_empty() { &files[..] } else { &files[2..] };
             let found = trued(&[&["identify", method], files].concat());
             assert!(found.status.success(), "{}", String::from_utf8_lossy(&found.stderr));
-            serde_json::from_slice::<Value>(&found.stdout).unwrap()
+            let mut found: Value = serde_json::from_slice(&found.stdout).unwrap();
+            // The plans differ.
+            found.as_object_mut().unwrap().remove("provenance").unwrap();
+            found
         };
         let original = identified(&plain, &plan(&plain), &[]);
         assert_eq!(original, identified(&plain, &with, &[]), "by the plan alone");
