@@ -135,7 +135,7 @@ fn a_measurement_that_is_off_is_named() {
 /// All alarms of a sound machine together: 1 %.
 #[test]
 fn a_sound_machine_is_not_flagged() {
-    let worlds = if is_full() { 300 } else { 30 };
+    let worlds = if is_full() { 300 } else { 15 };
     for case in &CASES {
         let is_flagged = |seed: u64| {
             let estimate = case.measured(seed).estimate();

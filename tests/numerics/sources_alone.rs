@@ -166,7 +166,7 @@ fn is_fixed(source: &Source, symbol: &str) -> bool {
 
 #[test]
 fn each_source_scatters_as_its_line_of_the_budget_says() {
-    let worlds = if is_full() { FULL } else { 12 };
+    let worlds = if is_full() { FULL } else { 8 };
     let (low, high) = ratio_bounds(worlds, FULL, (0.8, 1.2));
     let mut beyond = Vec::new();
     for case in &CASES {
