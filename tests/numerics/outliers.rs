@@ -128,7 +128,7 @@ fn a_measurement_that_is_off_is_named() {
         let seeds = (3000..3000 + worlds).into_par_iter();
         let named = seeds.filter(|seed| is_named(*seed)).count() as u64;
         println!("{}: {named} of {worlds} named", case.method);
-        assert!(named >= worlds - count_bound(worlds, 100, (0.05, 10)), "{named} of {worlds}");
+        assert!(named >= worlds - count_bound(worlds, 100, (0.05, 5)), "{named} of {worlds}");
     }
 }
 

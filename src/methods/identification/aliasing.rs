@@ -25,10 +25,9 @@ pub fn aliased(axis: Axis, angles: &[f64]) -> Option<String> {
     let named: Vec<String> = orders.iter().map(u32::to_string).collect();
     let plural = if named.len() > 1 { "s" } else { "" };
     Some(format!(
-        "error motions of {axis} at order{plural} {}: inseparable from its location errors ({axis} is measured at multiples of \
-         {}° only; an angle between them separates them)",
-        named.join(", "),
-        360 / first
+        "error motions of {axis} at order{plural} {}: inseparable from its location errors ({axis} is measured in steps of \
+         360°/{first} only; an angle between them separates them)",
+        named.join(", ")
     ))
 }
 
@@ -48,6 +47,6 @@ mod tests {
         assert!(orders(&[45.0, 45.0]).is_empty() && orders(&[]).is_empty());
         let line = aliased(Axis::C, &angles(&[0.0, 90.0, 270.0])).unwrap();
         assert!(line.starts_with("error motions of C at orders 4, 8, 12: "), "{line}");
-        assert!(line.contains("multiples of 90°"), "{line}");
+        assert!(line.contains("steps of 360°/4 only"), "{line}");
     }
 }
