@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::Exit;
 use crate::archive::story::goes_on;
-use crate::run::CycleError;
+use crate::run::{CycleError, Unqualified};
 use crate::service::{ServeError, TokenError};
 use crate::setup::SetupError;
 use crate::store::{LockError, RunId, StoreError};
@@ -90,6 +90,12 @@ impl From<RenderError> for Failure {
     }
 }
 
+impl From<Unqualified> for Failure {
+    fn from(error: Unqualified) -> Self {
+        Self::new(&error, error.remedy())
+    }
+}
+
 impl From<PlanningError> for Failure {
     fn from(error: PlanningError) -> Self {
         Self::new(&error, error.remedy())
@@ -112,6 +118,7 @@ impl Failure {
                 Self { what: why.to_string(), remedy: why.remedy(), exit }.kept(*run, method)
             }
             CycleError::Store(error) => Self::new(error, error.remedy()),
+            CycleError::Unqualified(error) => Self::new(error, error.remedy()),
         }
     }
 

@@ -7,7 +7,7 @@ use super::failure::Failure;
 use super::files::{read_estimates, state_folder};
 use super::{Exit, show};
 use crate::report::readings_csv;
-use crate::run::{identified, judged};
+use crate::run::{check_probe, dated, identified, judged};
 use crate::setup::{self, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState};
 use machine::record::estimate::Estimate;
@@ -68,7 +68,8 @@ fn stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<E
     let (mut plan, left_out) = measured(stored.plan, stored.summary.state, &stored.readings);
     take_priors(args, &mut plan)?;
     let estimate = identified(method.as_ref(), &plan, &stored.readings)?;
-    let mut estimate = judged(estimate, &machine.tolerance);
+    let estimate = judged(estimate, &machine.tolerance);
+    let mut estimate = dated(estimate, stored.summary.started);
     estimate.warnings.extend(left_out);
     journal.estimate(run, &estimate).wait()?;
     Ok(estimate)
@@ -79,7 +80,7 @@ fn take_priors(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
     if !args.with.is_empty() {
         plan.priors = read_estimates(&args.with)?;
     }
-    Ok(())
+    Ok(check_probe(plan)?)
 }
 
 /// Of a run that did not come to its end, what was measured; and a word on what is left out.

@@ -12,7 +12,7 @@ use super::signals::stop_on_signals;
 use super::terminal::{by_enter, login};
 use super::wires::Wires;
 use super::{Exit, show, with_state};
-use crate::run::{Answers, Cycle};
+use crate::run::{Answers, Cycle, check_probe};
 use crate::setup::{self, Devices, MachineFile, Pace, Past};
 use crate::store::{Journal, MachineLock, RunId};
 use machine::record::estimate::Estimate;
@@ -25,6 +25,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let method: Arc<dyn Method> = method.into();
     plan.priors = read_estimates(&args.with)?;
     method.check_priors(&plan)?;
+    check_probe(&plan)?;
     check_report_folder(&args.output)?;
     let wires = Wires::of(args.output.capture.as_deref(), args.replay.as_deref())?;
     let folder = wires.folder(state)?;

@@ -216,5 +216,6 @@ fn remedy(error: &CycleError) -> String {
         },
         CycleError::Identification { .. } => "check again".to_owned(),
         CycleError::Store(error) => error.remedy().to_owned(),
+        CycleError::Unqualified(error) => error.remedy(),
     }
 }

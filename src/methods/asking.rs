@@ -106,6 +106,10 @@ impl Method for Asking {
         self.method.check_priors(plan)
     }
 
+    fn takes_probe_map(&self) -> bool {
+        self.method.takes_probe_map()
+    }
+
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
         self.method.forecast(&without_asking(plan), machine_s)
     }

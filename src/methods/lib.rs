@@ -15,6 +15,8 @@ pub mod laser_r_test;
 pub mod latch_delay;
 pub mod multiprobe;
 pub mod prediction;
+pub mod probe_qualification;
+mod qualified;
 pub mod r_test;
 mod registry;
 pub mod samba;
@@ -27,6 +29,7 @@ pub use registry::{METHODS, configure, description, names};
 use estimation::linear::{LinearError, Survey};
 use estimation::nonlinear::NonlinearError;
 use estimation::revolutions::RevolutionsError;
+use identification::probe_map;
 use machine::kinematics::KinematicsError;
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, Step};
@@ -245,13 +248,18 @@ pub trait Method: Send + Sync {
     /// Whether this method can take the plan's priors as known on its machine; asked before anything moves,
     /// and before it identifies. Most take none.
     fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
-        match plan.priors.first() {
+        match probe_map::others(&plan.priors).next() {
             None => Ok(()),
             Some(prior) => Err(Refused {
                 why: format!("this method takes no prior (given: an estimate of {})", prior.method),
                 instead: "leave out --with".to_owned(),
             }),
         }
+    }
+
+    /// Whether the map of a qualified probe may be taken off its readings.
+    fn takes_probe_map(&self) -> bool {
+        false
     }
 
     /// What the run is expected to reach, for the user before anything moves, a line each. `plan`: with all steps at

@@ -5,6 +5,7 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
 use crate::asking::Asking;
+use crate::qualified::Qualified;
 use crate::{Description, Method, Registered};
 
 macro_rules! registry {
@@ -34,6 +35,7 @@ registry! {
     crate::ball_dome::BallDome,
     crate::multiprobe::Multiprobe,
     crate::r_test::RTest,
+    crate::probe_qualification::ProbeQualification,
 }
 
 pub fn names() -> Vec<&'static str> {
@@ -53,5 +55,6 @@ pub fn configure<'de, D: Deserializer<'de>>(
     name: &str,
     settings: D,
 ) -> Result<Box<dyn Method>, D::Error> {
-    Ok(Box::new(Asking::silent(by_name(name, settings)?)))
+    let method = Box::new(Qualified(by_name(name, settings)?));
+    Ok(Box::new(Asking::silent(method)))
 }

@@ -165,6 +165,26 @@ impl Access {
         Ok(contacts)
     }
 
+    /// The touches of `ball` along `directions`: azimuth and elevation, degrees, seen from the spindle as far as S does
+    /// not turn it. Named by their directions.
+    pub(super) fn contacts_along(
+        &self,
+        ball: &Ball,
+        rotary: &Position,
+        stand: Stand,
+        directions: &[[f64; 2]],
+    ) -> Result<Vec<Contact>, Unreachable> {
+        self.check_rotary(rotary)?;
+        let spindle = self.spindle(rotary)?;
+        let contact = |[azimuth, elevation]: &[f64; 2]| {
+            let normal = spindle.transform_vector(&on_sphere(*azimuth, *elevation));
+            let contact = Contact { name: format!("{azimuth:+}^{elevation}"), normal };
+            self.free(ball, rotary, &contact, stand)?;
+            Ok(contact)
+        };
+        directions.iter().map(contact).collect()
+    }
+
     /// The spindle's frame as far as S does not turn it.
     fn spindle(&self, rotary: &Position) -> Result<Pose, Unreachable> {
         if !self.about.upright(rotary) {

@@ -82,12 +82,41 @@ impl Access {
         (first, stage): (u32, u32),
         label: impl Fn(&str) -> String,
     ) -> Result<Vec<Step>, Unreachable> {
+        let contacts = self.accessible(task)?;
+        self.steps_of(task, contacts, probe, kind, (first, stage), label)
+    }
+
+    /// As [`Access::steps`], but along `directions`: azimuth and elevation, degrees, seen from the spindle as far as S
+    /// does not turn it. Numbers and stage are 0.
+    ///
+    /// # Errors
+    /// The first direction that is not free; a touch longer than the probe's overtravel.
+    pub fn steps_along(
+        &self,
+        task: &BallTask<'_>,
+        directions: &[[f64; 2]],
+        probe: &Probe,
+        label: impl Fn(&str) -> String,
+    ) -> Result<Vec<Step>, Unreachable> {
+        let BallTask { ball, rotary, approach, .. } = *task;
+        let contacts = self.contacts_along(ball, rotary, approach.stand(), directions)?;
+        self.steps_of(task, contacts, probe, StepKind::Touch, (0, 0), label)
+    }
+
+    fn steps_of(
+        &self,
+        task: &BallTask<'_>,
+        contacts: Vec<Contact>,
+        probe: &Probe,
+        kind: StepKind,
+        (first, stage): (u32, u32),
+        label: impl Fn(&str) -> String,
+    ) -> Result<Vec<Step>, Unreachable> {
         let (out, beyond) = task.approach.ends();
         let (length, overtravel) = (out + beyond, probe.overtravel_mm);
         if length > overtravel {
             return Err(Unreachable::TooLong { length, overtravel });
         }
-        let contacts = self.accessible(task)?;
         let numbered = (first..).zip(contacts);
         numbered
             .map(|(id, contact)| {

@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
+use jiff::Timestamp;
+
 use super::identify::{Unidentified, identify, judged, store_identification};
+use super::qualified::{Unqualified, qualified};
 use super::{Answers, Run, RunError};
 use crate::setup::{Devices, MachineFile};
 use crate::store::{Journal, NewRun, RunId, StoreError};
@@ -23,6 +26,9 @@ pub enum CycleError {
     Identification { run: RunId, why: Unidentified },
     #[error(transparent)]
     Store(#[from] StoreError),
+    /// The probe is not qualified as the run needs it. Nothing has begun.
+    #[error(transparent)]
+    Unqualified(#[from] Unqualified),
 }
 
 impl CycleError {
@@ -33,7 +39,7 @@ impl CycleError {
                 !error.closes() && (*moved || *resumed || error.is_stop())
             }
             // After the last reading nothing moves.
-            Self::Identification { .. } | Self::Store(_) => false,
+            Self::Identification { .. } | Self::Store(_) | Self::Unqualified(_) => false,
         }
     }
 
@@ -42,7 +48,7 @@ impl CycleError {
         match self {
             Self::Run { error, .. } => error.is_stop(),
             Self::Identification { why, .. } => matches!(why, Unidentified::Stopped),
-            Self::Store(_) => false,
+            Self::Store(_) | Self::Unqualified(_) => false,
         }
     }
 }
@@ -61,7 +67,7 @@ impl Cycle<'_> {
     /// A new run on open devices; `begun` hears its number.
     ///
     /// # Errors
-    /// A fault or a stop: the machine holds, what was measured is in the journal.
+    /// A fault or a stop: the machine holds, what was measured is in the journal. A probe that is not qualified.
     pub async fn run(
         self,
         devices: &Devices,
@@ -70,6 +76,7 @@ impl Cycle<'_> {
         tell: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
         let Self { machine, method, plan, answers } = self;
+        let plan = qualified(method.as_ref(), plan, journal, Timestamp::now())?;
         let new = NewRun { config: machine.text().to_owned(), plan: plan.clone() };
         let id = journal.begin(&new).await?;
         begun(id);

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
+use jiff::Timestamp;
 use tokio::sync::oneshot;
 
 use super::behind::{COMPUTING, behind};
@@ -132,6 +133,7 @@ pub async fn store_identification(
 ) -> Result<Estimate, Unidentified> {
     match found {
         Ok(estimate) => {
+            let estimate = dated(estimate, journal.started(run)?);
             journal.estimate(run, &estimate).await?;
             Ok(estimate)
         }
@@ -164,6 +166,19 @@ pub fn identified(
     Ok(estimate)
 }
 
+/// Of the probe of the plan. `None`: it has no JSON.
+pub fn probe_sha256(plan: &Plan) -> Option<String> {
+    sha256(&plan.probe.identity()).ok()
+}
+
+/// When the run began that it is of.
+pub fn dated(mut estimate: Estimate, started: Timestamp) -> Estimate {
+    if let Some(provenance) = &mut estimate.provenance {
+        provenance.started = Some(started.to_string());
+    }
+    estimate
+}
+
 /// `None`: something has no JSON.
 fn provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
     let times = readings.iter().map(|reading| reading.t_s);
@@ -174,11 +189,15 @@ fn provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
         (*least, *most) = (least.min(value), most.max(value));
     }
     Some(Provenance {
-        program: concat!("trued ", env!("CARGO_PKG_VERSION")).to_owned(),
+        program: match option_env!("TRUED_COMMIT") {
+            Some(commit) => format!("trued {} ({commit})", env!("CARGO_PKG_VERSION")),
+            None => concat!("trued ", env!("CARGO_PKG_VERSION")).to_owned(),
+        },
+        started: None,
         machine: plan.machine.name.clone(),
         plan_sha256: sha256(plan).ok()?,
         readings_sha256: sha256(&readings).ok()?,
-        probe_sha256: sha256(&plan.probe).ok()?,
+        probe_sha256: probe_sha256(plan)?,
         artefact_sha256: sha256(&plan.artefact).ok()?,
         compensations_active: plan.compensations_active.clone(),
         duration_s: last.zip(first).map_or(0.0, |(last, first)| last - first),

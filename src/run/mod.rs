@@ -17,6 +17,7 @@ mod live_check;
 mod live_values;
 #[cfg(test)]
 mod live_values_tests;
+mod qualified;
 mod resume;
 mod scan;
 mod scan_in_motion;
@@ -35,8 +36,10 @@ pub use behind::{ANSWERING, behind};
 pub use cycle::{Cycle, CycleError, conclude};
 pub use error::RunError;
 pub use identify::{
-    Unidentified, identified, identify_stored, judged, start_identification, store_identification,
+    Unidentified, dated, identified, identify_stored, judged, start_identification,
+    store_identification,
 };
+pub use qualified::{Unqualified, check_probe};
 pub use resume::{Interrupted, can_resume};
 pub use stage::{Rehearsed, rehearse};
 

@@ -379,6 +379,7 @@ fn of_cycle(error: &CycleError) -> Failure {
                 + &format!("`trued resume {run}` tries again, the machine does not move"),
         ),
         CycleError::Store(error) => (error.to_string(), error.remedy().to_owned()),
+        CycleError::Unqualified(error) => (error.to_string(), error.remedy()),
     };
     Failure { what, remedy: Some(remedy) }
 }

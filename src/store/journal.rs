@@ -9,6 +9,7 @@ use std::task::{Context, Poll};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use jiff::Timestamp;
 use rusqlite::Connection;
 use tokio::sync::oneshot;
 
@@ -151,6 +152,16 @@ impl Journal {
     /// All runs, oldest first.
     pub fn runs(&self) -> Result<Vec<RunSummary>, StoreError> {
         self.look(|connection| read::runs(connection))
+    }
+
+    /// When a run began.
+    pub fn started(&self, run: RunId) -> Result<Timestamp, StoreError> {
+        self.look(|connection| read::started(connection, run))
+    }
+
+    /// The newest finished run of `method` on `machine`.
+    pub fn newest_of(&self, machine: &str, method: &str) -> Result<Option<RunId>, StoreError> {
+        self.look(|connection| read::newest_of(connection, machine, method))
     }
 
     /// `tell` hears what the last estimates of the `newest` finished runs of each method on `machine`

@@ -1,5 +1,6 @@
 //! Reading the journal back.
 
+use jiff::Timestamp;
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Deserialize;
 
@@ -34,6 +35,24 @@ pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
     let mut statement = connection.prepare(&format!("{SUMMARY} ORDER BY id"))?;
     let rows = statement.query_map([], summary)?.collect::<Result<Vec<_>, _>>()?;
     Ok(rows)
+}
+
+pub(super) fn started(connection: &Connection, run: RunId) -> Result<Timestamp, Fault> {
+    let text = "SELECT started FROM runs WHERE id = ?1";
+    let started = connection.query_row(text, [run.0], |row| parsed(row, 0)).optional()?;
+    started.ok_or(Fault::NoRun(run))
+}
+
+pub(super) fn newest_of(
+    connection: &Connection,
+    machine: &str,
+    method: &str,
+) -> Result<Option<RunId>, Fault> {
+    let text = "SELECT max(id) FROM runs WHERE machine = ?1 AND method = ?2 AND state = ?3
+                AND EXISTS (SELECT 1 FROM estimates WHERE run = runs.id)";
+    let of = params![machine, method, RunState::Finished.as_str()];
+    let id: Option<i64> = connection.query_row(text, of, |row| row.get(0))?;
+    Ok(id.map(RunId))
 }
 
 /// What the last estimates of the `newest` finished runs of each method on `machine` say, oldest first.

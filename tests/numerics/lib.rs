@@ -21,6 +21,7 @@ mod nist_strd;
 
 mod outliers;
 mod outside_model;
+mod probe_qualification;
 mod proof_sabotage;
 mod proof_sweep;
 mod r_test;

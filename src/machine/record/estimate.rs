@@ -271,13 +271,17 @@ pub struct Deviation {
 /// What an estimate was made from. Hashes are of JSON without white space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// The program that identified it, with its version.
+    /// The program that identified it, with its version, and of a release its commit.
     pub program: String,
+    /// When its run began (RFC 3339, UTC); absent where it is of files alone.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub started: Option<String>,
     /// Name of the machine.
     pub machine: String,
     pub plan_sha256: String,
     pub readings_sha256: String,
-    /// Of the probe as declared: two runs of the same probe share its systematic errors.
+    /// Of what the probe is ([`Probe::identity`](super::machine::Probe::identity)): two runs of the same probe share its
+    /// systematic errors.
     pub probe_sha256: String,
     /// Of the artefact as stated: likewise its certificate.
     pub artefact_sha256: String,

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::Axis;
+use crate::{Axis, Position};
 
 /// Sense of a positive command: `iso` after ISO 841, `reversed` the opposite.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -62,6 +62,16 @@ pub struct Machine {
     /// Standard deviation of what each two of X, Y and Z lack of a right angle.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub squareness_urad: f64,
+}
+
+impl Machine {
+    /// All rotary axes at zero, or as near as they come; the spindle keeps the orientation it has.
+    pub fn rotary_at_zero(&self) -> Position {
+        let rotary = self.axes.iter().filter(|(axis, _)| !axis.is_linear() && **axis != Axis::S);
+        rotary
+            .map(|(axis, spec)| (*axis, axis.from_edge(0.0_f64.max(spec.min).min(spec.max))))
+            .collect()
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -146,6 +156,9 @@ fn default_wavelength() -> f64 {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Probe {
+    /// Which stylus it is, e.g. its serial number: another one, another name.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub stylus: String,
     pub ball_radius_mm: f64,
     /// Standard uncertainty of one touch (repeatability of probe and machine), um. Absent: judged
     /// from the residuals alone.
@@ -161,6 +174,9 @@ pub struct Probe {
     /// Standard uncertainty of the stated stylus offset in each of X and Y, um.
     #[serde(default)]
     pub stylus_offset_um: f64,
+    /// Runs that touch need a qualification of this probe that is not older, days. Absent: they do not.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub qualified_within_days: Option<f64>,
     /// Stem of the stylus, from the ball's centre up along the spindle axis. 0: not declared, and
     /// not looked at.
     #[serde(default)]
@@ -202,6 +218,26 @@ pub struct Probe {
     /// As `error_input`: on while its battery is low.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub battery_input: Option<String>,
+}
+
+impl Probe {
+    /// What it is, without what is declared of its uncertainty and of the control's words for it: a probe qualification
+    /// holds for a probe that is the same in this.
+    pub fn identity(&self) -> Self {
+        Self {
+            repeatability_um: None,
+            lobing_um: 0.0,
+            lobing_orders: Vec::new(),
+            stylus_offset_um: 0.0,
+            qualified_within_days: None,
+            on: None,
+            off: None,
+            live_check: LiveCheck::default(),
+            error_input: None,
+            battery_input: None,
+            ..self.clone()
+        }
+    }
 }
 
 /// How a run finds out, before it comes near anything, that the probe lives.

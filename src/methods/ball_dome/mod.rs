@@ -79,6 +79,10 @@ impl Method for BallDome {
         prior::known_machine(plan).map(drop)
     }
 
+    fn takes_probe_map(&self) -> bool {
+        true
+    }
+
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         estimate::estimate(plan, &self.settings, readings)
     }

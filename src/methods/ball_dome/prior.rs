@@ -2,8 +2,10 @@
 
 use crate::Refused;
 use crate::identification::KnownErrors;
+use crate::identification::probe_map::others;
 use machine::Axis;
 use machine::kinematics::{Chain, ErrorTerm};
+use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 
 /// `None`: the plan has no prior.
@@ -11,7 +13,8 @@ use machine::record::plan::Plan;
 /// # Errors
 /// More than one estimate; one without errors of this machine or without their covariance.
 pub fn known_machine(plan: &Plan) -> Result<Option<KnownErrors<'_>>, Refused> {
-    match plan.priors.as_slice() {
+    let priors: Vec<&Estimate> = others(&plan.priors).collect();
+    match priors.as_slice() {
         [] => Ok(None),
         [only] => KnownErrors::of(only, &Chain::new(&plan.machine)?).map(Some),
         _ => Err(Refused::new("ball-dome takes one estimate of the machine", "give one --with")),

@@ -78,6 +78,10 @@ impl Method for BallPlate {
             .map_err(|error| Refused::new(error.to_string(), error.remedy()))
     }
 
+    fn takes_probe_map(&self) -> bool {
+        true
+    }
+
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         identify::identify(plan, &self.settings, readings)
     }

@@ -2,7 +2,7 @@
 //! pattern is the deviation by one draw of unit variance, mm: one entry a contact (a touch, a dwell
 //! point).
 
-use std::f64::consts::TAU;
+use std::f64::consts::PI;
 
 use estimation::revolutions::{HarmonicData, RowRevolutions};
 use estimation::smooth::{smooth_function, stationary_function};
@@ -12,8 +12,9 @@ use machine::record::plan::Plan;
 use machine::record::sensor::Sensor;
 use nalgebra::Vector3;
 
-/// Harmonic orders of pre-travel where none are declared. Lower ones are radius and stylus offset.
-pub const LOBING_ORDERS: [u32; 5] = [2, 3, 4, 5, 6];
+use super::azimuth::{azimuth_patterns, size_by_order};
+use super::probe_map::ProbeMap;
+
 /// Harmonic orders of a rotary axis' error motion where none are declared. The mean is the axis'
 /// location, and the first harmonic is inseparable from what the axis carries.
 pub const MOTION_ORDERS: [u32; 4] = [2, 3, 4, 5];
@@ -45,6 +46,17 @@ pub fn resolution_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
     display_step_mm(plan, normal) / 12f64.sqrt()
 }
 
+/// Standard uncertainty of a mean of touches by the steps of the display, mm. Rounding errors are a
+/// sawtooth of the true place; scatter of σ behind it takes the factor exp(−2π²σ²/a²) of its first
+/// harmonic, and more of the others. What scatter does not average out stays.
+pub fn rounding_mm(step_mm: f64, s_mm: f64) -> f64 {
+    if step_mm <= 0.0 {
+        return 0.0;
+    }
+    let own = (s_mm / step_mm).powi(2) - 1.0 / 12.0;
+    step_mm / 12f64.sqrt() * (-2.0 * PI * PI * own.max(0.0)).exp()
+}
+
 /// Standard deviation of the drift rate of the table against the spindle, along each axis, mm/s.
 pub fn drift_mm_per_s(plan: &Plan) -> f64 {
     plan.machine.drift_um_per_h * 1e-3 / 3600.0
@@ -70,39 +82,22 @@ pub fn half_backlash_mm(plan: &Plan) -> Vector3<f64> {
     Vector3::from(Axis::LINEAR.map(half))
 }
 
-/// Standard deviation of the cosine and of the sine part of each order. `declared` orders have equal shares of the
-/// variance. Where none are declared, the whole may have any order: each of the `possible` has it, so that the
-/// worst is never too small.
-fn size_by_order(total: f64, declared: &[u32], possible: &[u32]) -> Vec<(u32, f64)> {
-    let (orders, size) = match declared {
-        [] => (possible, total),
-        orders => (orders, total / (orders.len() as f64).sqrt()),
-    };
-    orders.iter().map(|order| (*order, size)).collect()
-}
-
-/// Direction-dependent pre-travel ([`azimuth_patterns`]).
+/// Direction-dependent pre-travel ([`azimuth_patterns`]); of a qualified probe what its map does not know.
 pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
-    azimuth_patterns(plan.probe.lobing_um * 1e-3, &plan.probe.lobing_orders, normals)
+    let (total_mm, orders) = (plan.probe.lobing_um * 1e-3, &plan.probe.lobing_orders);
+    // A map that cannot be taken is refused before.
+    match ProbeMap::of(&plan.priors) {
+        Ok(Some(map)) => map.patterns(total_mm, orders, normals),
+        _ => azimuth_patterns(total_mm, orders, normals, |_| true),
+    }
 }
 
-/// A deviation of standard deviation `total_mm` that goes with the direction: harmonics of the azimuth of the contacts'
-/// outward unit `normals` (spindle frame), times the sine of their angle to the spindle axis. `declared`: its orders, if
-/// known. Patterns: orders as declared, cosine before sine.
-pub fn azimuth_patterns(
-    total_mm: f64,
-    declared: &[u32],
-    normals: &[Vector3<f64>],
-) -> Vec<Vec<f64>> {
-    let pattern = |(order, size): (u32, f64), quarter_turns: f64| {
-        let at = |n: &Vector3<f64>| {
-            let phase = f64::from(order) * n.y.atan2(n.x) - quarter_turns * TAU;
-            size * n.x.hypot(n.y) * phase.cos()
-        };
-        normals.iter().map(at).collect()
-    };
-    let sizes = size_by_order(total_mm, declared, &LOBING_ORDERS).into_iter();
-    sizes.flat_map(|size| [0.0, 0.25].map(|turns| pattern(size, turns))).collect()
+/// Standard uncertainty of the stated stylus offset in each of X and Y, mm; of a probe whose offset is qualified 0.
+pub fn stylus_offset_mm(plan: &Plan) -> f64 {
+    match ProbeMap::of(&plan.priors) {
+        Ok(Some(map)) if map.has_offset() => 0.0,
+        _ => plan.probe.stylus_offset_um * 1e-3,
+    }
 }
 
 /// Correlation length of a sensor's linearity error, as a part of its range. Two to six waves over the range have 0.04

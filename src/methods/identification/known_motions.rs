@@ -6,13 +6,14 @@ use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
 use machine::record::estimate::{Estimate, Function, Parameter, Unit};
 
 use super::periodic_points::PeriodicPoints;
+use super::probe_map::others;
 use super::source::{Effect, InResiduals, UncertaintySource};
 use crate::Refused;
 
 /// Each has mean zero over the revolution: the mean is part of the location of the axis.
 #[derive(Debug, Default)]
 pub struct KnownMotions<'a> {
-    priors: &'a [Estimate],
+    priors: Vec<&'a Estimate>,
     motions: Vec<KnownMotion<'a>>,
 }
 
@@ -36,11 +37,12 @@ enum MotionForm<'a> {
 
 impl<'a> KnownMotions<'a> {
     /// # Errors
-    /// An estimate without error motions of `axis`; a function that is none of one revolution; a function
+    /// An estimate without error motions of `axis` that is no map of the probe; a function that is none of one revolution; a function
     /// that two estimates have.
     pub fn new(axis: Axis, priors: &'a [Estimate]) -> Result<Self, Refused> {
+        let priors: Vec<&Estimate> = others(priors).collect();
         let mut motions: Vec<KnownMotion<'_>> = Vec::new();
-        for (prior, estimate) in priors.iter().enumerate() {
+        for (prior, estimate) in priors.iter().copied().enumerate() {
             let all = estimate.functions.iter().filter_map(|f| Some((motion_error(f)?, f)));
             let (own, others): (Vec<_>, Vec<_>) = all.partition(|(error, _)| error.axis() == axis);
             if own.is_empty() {
@@ -117,7 +119,7 @@ impl<'a> KnownMotions<'a> {
 
     /// One line an estimate: its method, its functions and how they are evaluated.
     pub fn in_words(&self) -> Vec<String> {
-        let line = |(prior, estimate): (usize, &Estimate)| {
+        let line = |(prior, estimate): (usize, &&Estimate)| {
             let own = self.motions.iter().filter(|motion| motion.prior == prior);
             let own: Vec<String> = own.map(KnownMotion::in_words).collect();
             format!("taken as known from an estimate of {}: {}", estimate.method, own.join(", "))

@@ -9,6 +9,7 @@
 
 mod aliasing;
 mod assumed;
+pub mod azimuth;
 mod blocks;
 pub mod declared;
 mod error_motions;
@@ -21,6 +22,7 @@ mod model;
 mod outliers;
 mod outputs;
 mod periodic_points;
+pub mod probe_map;
 mod propagation;
 mod range;
 mod source;

@@ -84,6 +84,10 @@ impl Method for LaserRTest {
         }
     }
 
+    fn takes_probe_map(&self) -> bool {
+        true
+    }
+
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         let bench = Bench::new(plan, &self.settings)?;
         identify::identify(&bench, readings)

@@ -1,11 +1,10 @@
 //! The line through positions over feed, with drift; each feed with a scatter of its own.
 
-use std::f64::consts::PI;
-
 use faer::Mat;
 
 use super::observe::{Observed, Touch};
 use super::outputs;
+use crate::identification::declared::rounding_mm;
 use crate::identification::{
     Effect, EvaluationType, FitFigures, Identification, InResiduals, LinearFit, Solution,
     Uncertainty, UncertaintySource, identify, unit_slope,
@@ -126,7 +125,8 @@ fn sources(observed: &Observed, scatter: [Scatter; 2], delay: &[f64]) -> [Uncert
         UncertaintySource { evaluation, dof, ..UncertaintySource::new(name, each) }
     };
     let [slow, fast] = observed.speeds();
-    let steps: f64 = scatter.iter().map(|s| rounding(observed.resolution_mm, s.s_mm).powi(2)).sum();
+    let steps: f64 =
+        scatter.iter().map(|s| rounding_mm(observed.resolution_mm, s.s_mm).powi(2)).sum();
     let u_s = steps.sqrt() / (fast - slow);
     let resolution = UncertaintySource {
         direct_changes: vec![delay.iter().map(|slope| slope * u_s).collect()],
@@ -168,17 +168,6 @@ fn judged(
     }
     let s_mm = if dof > 0.0 { (squares / dof).sqrt() } else { f64::NAN };
     Scatter { s_mm: s_mm.max(least_mm), dof }
-}
-
-/// Standard uncertainty of a mean of touches by the steps of the display, mm. Rounding errors are a
-/// sawtooth of the true place; scatter of σ behind it takes the factor exp(−2π²σ²/a²) of its first
-/// harmonic, and more of the others. What scatter does not average out stays.
-fn rounding(step_mm: f64, s_mm: f64) -> f64 {
-    if step_mm <= 0.0 {
-        return 0.0;
-    }
-    let own = (s_mm / step_mm).powi(2) - 1.0 / 12.0;
-    step_mm / 12f64.sqrt() * (-2.0 * PI * PI * own.max(0.0)).exp()
 }
 
 fn alike(feed_mm_min: f64) -> IdentifyError {

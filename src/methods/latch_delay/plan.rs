@@ -102,15 +102,6 @@ impl Place {
     }
 }
 
-/// All rotary axes at zero, or as near as they come; the spindle keeps the orientation it has.
-fn rotary(plan: &Plan) -> Position {
-    let turning = plan.machine.axes.iter();
-    let turning = turning.filter(|(axis, _)| !axis.is_linear() && **axis != Axis::S);
-    turning
-        .map(|(axis, spec)| (*axis, axis.from_edge(0.0_f64.max(spec.min).min(spec.max))))
-        .collect()
-}
-
 fn towards(degrees: f64) -> Vector3<f64> {
     let (sin, cos) = degrees.to_radians().sin_cos();
     Vector3::new(cos, sin, 0.0)
@@ -160,7 +151,7 @@ fn flank_at(
     within_mm: f64,
 ) -> Result<Place, Refused> {
     let chain = Chain::new(&plan.machine)?;
-    let rotary = rotary(plan);
+    let rotary = plan.machine.rotary_at_zero();
     let table = chain.machine_from_table(&rotary, &[]).rotation;
     let axis = unit_vector(Vector3::from(part.axis)).unwrap_or_default();
     let towards = table.inverse() * towards;
@@ -199,7 +190,7 @@ fn on_ball(
 ) -> Result<Place, Refused> {
     let access = Access::new(plan, &plan.artefact)?;
     let wanted = settings.direction_deg.map_or(Vector3::z(), towards);
-    let (rotary, mut why_not) = (rotary(plan), None);
+    let (rotary, mut why_not) = (plan.machine.rotary_at_zero(), None);
     for ball in &balls.balls {
         let approach = Approach::Find { uncertainty_mm: within_mm, standoff_mm: STANDOFF_MM };
         let task = BallTask { ball, rotary: &rotary, approach, touches: OF_A_BALL };

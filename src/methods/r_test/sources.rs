@@ -4,9 +4,9 @@ use nalgebra::Vector3;
 
 use super::model::Equation;
 use super::observe::{Displacement, SensorMean};
+use crate::identification::azimuth::{LOBING_ORDERS, azimuth_patterns};
 use crate::identification::declared::{
-    LOBING_ORDERS, azimuth_patterns, drift_mm_per_s, linear_motion_patterns, linearity_patterns,
-    resolution_mm,
+    drift_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_mm,
 };
 use crate::identification::{
     Effect, EvaluationType, InResiduals, ObservationEquation, Shape, UncertaintySource,
@@ -137,7 +137,8 @@ impl SourceList<'_> {
             // Declared of the circle about the spindle's axis that the sensors see.
             -Vector3::new(towards.x, towards.y, 0.0).normalize()
         });
-        let patterns = azimuth_patterns(size_mm, &LOBING_ORDERS, &normals.collect::<Vec<_>>());
+        let patterns =
+            azimuth_patterns(size_mm, &LOBING_ORDERS, &normals.collect::<Vec<_>>(), |_| true);
         let columns = patterns
             .into_iter()
             .map(|pattern| pattern.into_iter().map(|by| -by).chain([0.0; 2]).collect());

@@ -74,6 +74,10 @@ impl Method for Samba {
         ball_measurement::next(&bench.measurement(), &visits, done, source)
     }
 
+    fn takes_probe_map(&self) -> bool {
+        true
+    }
+
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         identify::identify(plan, &self.settings, readings)
     }

@@ -159,6 +159,10 @@ impl Method for SelfCalibration {
         KnownMotions::new(axis.axis, &plan.priors).map(drop)
     }
 
+    fn takes_probe_map(&self) -> bool {
+        true
+    }
+
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         let planner = Planner::new(plan, &self.settings)?;
         let known = KnownMotions::new(planner.axis().axis, &plan.priors)?;

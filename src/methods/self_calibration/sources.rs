@@ -7,7 +7,7 @@ use super::observe::ObservedAxis;
 use super::settings::Spindle;
 use crate::identification::declared::{
     RotaryMotion, drift_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns,
-    repeatability_mm, resolution_mm, rotary_motions,
+    repeatability_mm, resolution_mm, rotary_motions, stylus_offset_mm,
 };
 use crate::identification::{self, Effect, EvaluationType, InResiduals, UncertaintySource};
 use machine::kinematics::{ErrorParameter, Shape};
@@ -88,7 +88,7 @@ pub fn rotary_axis(
 
 /// Offset of the stylus from its stated position. With a following spindle it changes R alone.
 fn stylus_offset(plan: &Plan, normals: &[Vector3<f64>], spindle: Spindle) -> Vec<Vec<f64>> {
-    let u = plan.probe.stylus_offset_um * 1e-3;
+    let u = stylus_offset_mm(plan);
     match spindle {
         Spindle::Follow => vec![vec![u; normals.len()]],
         Spindle::Fixed => [0, 1].map(|k| normals.iter().map(|n| u * n[k]).collect()).into(),

@@ -28,6 +28,10 @@ pub fn probe(document: &Document, probe: &Probe) -> Checked {
     check.not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
     check.orders(&["probe", "lobing_orders"], &probe.lobing_orders)?;
     check.not_negative(&["probe", "stylus_offset_um"], probe.stylus_offset_um)?;
+    check.positive(
+        &["probe", "qualified_within_days"],
+        probe.qualified_within_days.unwrap_or(1.0),
+    )?;
     check.positive(&["probe", "overtravel_mm"], probe.overtravel_mm)?;
     check.positive(&["probe", "feed_mm_min"], probe.feed_mm_min)?;
     check.positive(&["probe", "guarded_feed_mm_min"], probe.guarded_feed_mm_min)?;

@@ -11,6 +11,7 @@ mod faults;
 mod firmware;
 mod multiprobe;
 mod probe;
+mod probe_qualification;
 mod proven;
 mod r_test;
 mod results;
@@ -95,6 +96,7 @@ pub fn trials() -> Trials {
         proven::regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone,
         proven::regress_what_would_collide_is_refused_with_step_line_and_bodies,
         proven::regress_the_report_draws_the_clearances_and_names_what_was_not_looked_at,
+        probe_qualification::a_later_run_takes_off_the_map_of_its_own_probe,
         r_test::the_built_in_machine_is_measured_and_compared_with_itself,
         compare::two_runs_are_compared,
         compare::what_is_no_comparison_is_refused_with_the_way_on,

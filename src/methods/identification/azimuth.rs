@@ -1,0 +1,43 @@
+//! Deviations that go with the azimuth of a contact, and what a declared total makes of each order.
+
+use std::f64::consts::TAU;
+
+use nalgebra::Vector3;
+
+/// Harmonic orders of pre-travel where none are declared. Lower ones are radius and stylus offset.
+pub const LOBING_ORDERS: [u32; 5] = [2, 3, 4, 5, 6];
+
+/// Standard deviation of the cosine and of the sine part of each order. `declared` orders have equal shares of the
+/// variance. Where none are declared, the whole may have any order: each of the `possible` has it, so that the
+/// worst is never too small.
+pub fn size_by_order(total: f64, declared: &[u32], possible: &[u32]) -> Vec<(u32, f64)> {
+    let (orders, size) = match declared {
+        [] => (possible, total),
+        orders => (orders, total / (orders.len() as f64).sqrt()),
+    };
+    orders.iter().map(|order| (*order, size)).collect()
+}
+
+/// cos kα or, a quarter turn on, sin kα of the azimuth α of the unit vector `normal` (spindle frame), times the sine of
+/// its angle to the spindle axis.
+pub fn azimuth_factor(order: u32, quarter_turns: f64, normal: &Vector3<f64>) -> f64 {
+    let phase = f64::from(order) * normal.y.atan2(normal.x) - quarter_turns * TAU;
+    normal.x.hypot(normal.y) * phase.cos()
+}
+
+/// A deviation of standard deviation `total_mm` that goes with the direction ([`azimuth_factor`]) of the contacts'
+/// outward unit `normals`. `declared`: its orders, if known; `counts`: which of them. Patterns: orders as declared,
+/// cosine before sine.
+pub fn azimuth_patterns(
+    total_mm: f64,
+    declared: &[u32],
+    normals: &[Vector3<f64>],
+    counts: impl Fn(u32) -> bool,
+) -> Vec<Vec<f64>> {
+    let pattern = |(order, size): (u32, f64), quarter_turns: f64| {
+        normals.iter().map(|normal| size * azimuth_factor(order, quarter_turns, normal)).collect()
+    };
+    let sizes = size_by_order(total_mm, declared, &LOBING_ORDERS).into_iter();
+    let sizes = sizes.filter(|(order, _)| counts(*order));
+    sizes.flat_map(|size| [0.0, 0.25].map(|turns| pattern(size, turns))).collect()
+}

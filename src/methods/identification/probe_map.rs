@@ -1,0 +1,212 @@
+//! The pre-travel of the probe over the direction as an earlier qualification has found it: taken off the readings of
+//! later touch runs, with its covariance as their source of uncertainty.
+
+use std::borrow::Cow;
+
+use estimation::linear::lower_root;
+use nalgebra::Vector3;
+
+use super::azimuth::{azimuth_factor, azimuth_patterns};
+use super::source::prior_covariance;
+use crate::{IdentifyError, Refused};
+use machine::Axis;
+use machine::kinematics::Chain;
+use machine::record::estimate::{Estimate, Verdict};
+use machine::record::plan::{Plan, Step, StepKind};
+use machine::record::reading::Reading;
+
+/// The method that finds the map.
+pub const METHOD: &str = "probe-qualification";
+/// Orders that are looked for in an estimate.
+const HIGHEST: u32 = 180;
+
+/// Symbols of the cosine and the sine part of an order.
+pub fn symbols(order: u32) -> [String; 2] {
+    ["c", "s"].map(|part| format!("E_probe_{part}{order}"))
+}
+
+/// One cosine or sine part.
+#[derive(Debug, Clone)]
+struct Part {
+    symbol: String,
+    order: u32,
+    quarter_turns: f64,
+    value_mm: f64,
+    u_mm: f64,
+    /// Otherwise it is carried as an uncertainty, not taken off.
+    is_known: bool,
+}
+
+impl Part {
+    fn factor(&self, normal: &Vector3<f64>) -> f64 {
+        azimuth_factor(self.order, self.quarter_turns, normal)
+    }
+}
+
+#[derive(Debug)]
+pub struct ProbeMap<'a> {
+    prior: &'a Estimate,
+    parts: Vec<Part>,
+}
+
+/// Priors of a plan that are no map.
+pub fn others(priors: &[Estimate]) -> impl Iterator<Item = &Estimate> {
+    priors.iter().filter(|prior| prior.method != METHOD)
+}
+
+impl<'a> ProbeMap<'a> {
+    /// `None`: the plan has none among its priors.
+    ///
+    /// # Errors
+    /// More than one; one whose own fit contradicts its model, or without covariance.
+    pub fn of(priors: &'a [Estimate]) -> Result<Option<Self>, Refused> {
+        let mut maps = priors.iter().filter(|prior| prior.method == METHOD);
+        let (prior, again) = (maps.next(), maps.next());
+        Refused::unless(
+            again.is_none(),
+            "two qualifications of the probe are given",
+            "give one --with",
+        )?;
+        let Some(prior) = prior else { return Ok(None) };
+        Refused::unless(
+            prior.verdict != Verdict::UndecidedModel,
+            "the qualification of the probe contradicts its own model",
+            "look at its warnings and qualify the probe again",
+        )?;
+        let map = Self { prior, parts: parts(prior) };
+        let known: Vec<&str> = map.known().map(|part| part.symbol.as_str()).collect();
+        Refused::unless(
+            !map.parts.is_empty() && prior_covariance(prior, &known).is_some(),
+            "the qualification of the probe has no map with a covariance",
+            "state form_um of [method.probe-qualification] from the ball's certificate, or turn the spindle, and \
+             qualify the probe again",
+        )?;
+        Ok(Some(map))
+    }
+
+    fn known(&self) -> impl Iterator<Item = &Part> {
+        self.parts.iter().filter(|part| part.is_known)
+    }
+
+    /// Whether the stylus offset is in it.
+    pub fn has_offset(&self) -> bool {
+        self.known().any(|part| part.order == 1)
+    }
+
+    /// How far too far out a touch along the outward unit `normal` (spindle frame) is read, mm.
+    pub fn at(&self, normal: &Vector3<f64>) -> f64 {
+        self.known().map(|part| part.value_mm * part.factor(normal)).sum()
+    }
+
+    /// What is not known of pre-travel at contacts along `normals` (spindle frame), mm by one draw: the covariance of what
+    /// was taken off; what was found and is not taken off; of `declared_mm` the `orders` that the map does not have.
+    pub fn patterns(
+        &self,
+        declared_mm: f64,
+        orders: &[u32],
+        normals: &[Vector3<f64>],
+    ) -> Vec<Vec<f64>> {
+        let column = |part: &Part, size: f64| -> Vec<f64> {
+            normals.iter().map(|normal| size * part.factor(normal)).collect()
+        };
+        let known: Vec<&Part> = self.known().collect();
+        let symbols: Vec<&str> = known.iter().map(|part| part.symbol.as_str()).collect();
+        let mut patterns = Vec::new();
+        if let Some(covariance) = prior_covariance(self.prior, &symbols) {
+            let root = lower_root(&covariance);
+            for draw in 0..known.len() {
+                let mut sum = vec![0.0; normals.len()];
+                for (part, size) in known.iter().zip(root.col_as_slice(draw)) {
+                    sum.iter_mut().zip(column(part, *size)).for_each(|(sum, by)| *sum += by);
+                }
+                patterns.push(sum);
+            }
+        }
+        let carried = self.parts.iter().filter(|part| !part.is_known);
+        patterns.extend(carried.map(|part| column(part, part.value_mm.hypot(part.u_mm))));
+        let has = |order: u32| self.parts.iter().any(|part| part.order == order);
+        patterns.extend(azimuth_patterns(declared_mm, orders, normals, |order| !has(order)));
+        patterns
+    }
+
+    /// For the estimate of a run that takes it as known.
+    pub fn in_words(&self) -> String {
+        let orders = |is_known: bool| {
+            let own = self.parts.iter().filter(|part| part.is_known == is_known);
+            let mut orders: Vec<u32> = own.map(|part| part.order).collect();
+            orders.dedup();
+            orders.iter().map(u32::to_string).collect::<Vec<_>>().join(", ")
+        };
+        let carried = match orders(false) {
+            none if none.is_empty() => String::new(),
+            carried => format!("; order {carried} is carried as an uncertainty"),
+        };
+        format!(
+            "pre-travel of the probe is taken off as qualified: orders {}{carried}",
+            orders(true)
+        )
+    }
+}
+
+fn parts(prior: &Estimate) -> Vec<Part> {
+    let mut parts = Vec::new();
+    for order in 1..=HIGHEST {
+        for (symbol, quarter_turns) in symbols(order).into_iter().zip([0.0, 0.25]) {
+            let own = prior.parameters.iter().find(|parameter| parameter.symbol == symbol);
+            let Some(parameter) = own else { continue };
+            let unit = parameter.unit.from_internal(1.0);
+            parts.push(Part {
+                symbol,
+                order,
+                quarter_turns,
+                value_mm: parameter.value / unit,
+                u_mm: parameter.u / unit,
+                is_known: parameter.identifiable,
+            });
+        }
+    }
+    parts
+}
+
+/// Whether the probe meets something.
+pub fn is_touch(step: &Step) -> bool {
+    matches!(step.kind, StepKind::Touch | StepKind::Reference) && step.scan.is_none()
+}
+
+/// The readings of touches without what the map of the plan makes of them.
+///
+/// # Errors
+/// As [`ProbeMap::of`]; a machine without kinematics; a spindle that could be turned and was not oriented.
+pub fn without_pre_travel<'r>(
+    plan: &Plan,
+    readings: &'r [Reading],
+) -> Result<Cow<'r, [Reading]>, IdentifyError> {
+    let Some(map) = ProbeMap::of(&plan.priors)? else { return Ok(Cow::Borrowed(readings)) };
+    let chain = Chain::new(&plan.machine).map_err(Refused::from)?;
+    let mut readings = readings.to_vec();
+    for reading in &mut readings {
+        let step =
+            plan.steps.iter().find(|step| step.id == reading.step).filter(|step| is_touch(step));
+        let Some(step) = step else { continue };
+        check_oriented(plan, step)?;
+        let at = step.from.updated_by(&reading.position);
+        let normal = Vector3::from(step.normal);
+        let in_spindle = chain.machine_from_spindle(&at, &[]).rotation.inverse() * normal;
+        let off = normal * map.at(&in_spindle);
+        for (axis, off) in Axis::LINEAR.into_iter().zip(off.iter()) {
+            if let Some(value) = reading.position.get(axis) {
+                reading.position.set(axis, value - off);
+            }
+        }
+    }
+    Ok(Cow::Owned(readings))
+}
+
+fn check_oriented(plan: &Plan, step: &Step) -> Result<(), Refused> {
+    let turns = plan.machine.axes.contains_key(&Axis::S);
+    Refused::unless(
+        !turns || step.from.get(Axis::S).is_some(),
+        "the map of the probe holds for an oriented spindle, and this run does not orient it",
+        "identify with the plan that was measured with the qualification, or leave it out (--with)",
+    )
+}

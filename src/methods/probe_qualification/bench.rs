@@ -1,0 +1,139 @@
+//! Machine, ball and orientations of the spindle.
+
+use nalgebra::Vector3;
+
+use super::settings::Settings;
+use crate::identification::azimuth::LOBING_ORDERS;
+use crate::{IdentifyError, Refused, Source, latest};
+use machine::kinematics::Chain;
+use machine::record::artefact::{Artefact, Ball, Balls};
+use machine::record::plan::{Plan, Step};
+use machine::record::reading::Reading;
+use machine::{Axis, Position};
+use planning::measured_ball;
+
+/// What the label of a search touch begins with.
+pub const FIND: &str = "find";
+
+pub struct Bench<'a> {
+    pub plan: &'a Plan,
+    pub settings: &'a Settings,
+    pub chain: Chain,
+    pub balls: &'a Balls,
+    /// All rotary axes but the spindle at zero, or as near as they come.
+    pub rotary: Position,
+}
+
+const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
+
+impl<'a> Bench<'a> {
+    /// # Errors
+    /// A machine without kinematics; an artefact without balls; settings that make no measurement.
+    pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
+        settings.check()?;
+        let Artefact::Balls(balls) = &plan.artefact else {
+            return Err(Refused::new(
+                "this method touches a precision sphere",
+                "describe it with kind = \"balls\" in [artefact]",
+            ));
+        };
+        let rotary = plan.machine.rotary_at_zero();
+        let bench = Self { plan, settings, chain: Chain::new(&plan.machine)?, balls, rotary };
+        settings.check_azimuths(bench.last_order())?;
+        let (slow, fast) = (plan.probe.feed_mm_min, bench.fast_mm_min());
+        Refused::unless(
+            fast > slow && fast <= plan.probe.search_feed_mm_min,
+            format!(
+                "the fast feed of {fast} mm/min is not between the measuring feed and the search feed"
+            ),
+            "leave fast_feed_mm_min out, and search_feed_mm_min of [probe] above feed_mm_min",
+        )?;
+        let is_axis = plan.machine.axes.contains_key(&Axis::S);
+        let is_asked = settings.spindle_deg.as_ref().is_some_and(|degrees| degrees.len() > 1);
+        Refused::unless(
+            is_axis || !is_asked,
+            "spindle_deg turns the spindle, which is no axis of this machine",
+            "leave spindle_deg out, or describe [axes.S]",
+        )?;
+        Ok(bench)
+    }
+
+    /// Highest order of the map.
+    pub fn last_order(&self) -> u32 {
+        let declared = self.plan.probe.lobing_orders.iter().chain(&LOBING_ORDERS);
+        declared.copied().fold(self.settings.orders, u32::max)
+    }
+
+    pub fn fast_mm_min(&self) -> f64 {
+        self.settings.fast_feed_mm_min.unwrap_or(self.plan.probe.search_feed_mm_min)
+    }
+
+    /// Of the spindle; 0 alone where it is no axis.
+    pub fn orientations_deg(&self) -> Vec<f64> {
+        let Some(spec) = self.plan.machine.axes.get(&Axis::S) else { return vec![0.0] };
+        let within = |degrees: &f64| (spec.min..=spec.max).contains(degrees);
+        let usual = || QUARTERS_DEG.into_iter().filter(within).collect();
+        self.settings
+            .spindle_deg
+            .clone()
+            .filter(|degrees| !degrees.is_empty())
+            .unwrap_or_else(usual)
+    }
+
+    /// All rotary axes, with the spindle in its orientation number `index`.
+    pub fn rotary_at(&self, index: usize) -> Position {
+        let degrees = self.orientations_deg().get(index).copied().unwrap_or(0.0);
+        match self.plan.machine.axes.contains_key(&Axis::S) {
+            true => self.rotary.clone().with(Axis::S, Axis::S.from_edge(degrees)),
+            false => self.rotary.clone(),
+        }
+    }
+
+    /// The ball that the plan's measuring steps touch.
+    ///
+    /// # Errors
+    /// There is none yet.
+    pub fn measured_ball(&self) -> Result<&Ball, IdentifyError> {
+        let measured = self.plan.steps.iter().find_map(|step| {
+            let id = step.label.split('/').nth(1)?;
+            let is_measured = !step.label.starts_with(FIND);
+            self.balls.balls.iter().find(|ball| is_measured && ball.id == id)
+        });
+        let none = || IdentifyError::Numerical("the plan measures no ball".to_owned());
+        measured.ok_or_else(none)
+    }
+
+    /// The balls where they were found, within what a touch may still be off.
+    ///
+    /// # Errors
+    /// Touches that are missing or make no ball.
+    pub fn found(&self, source: Source<'_>) -> Result<Balls, Refused> {
+        let uncertainty_mm = self.settings.standoff_mm.min(self.settings.search_mm) / 2.0;
+        let mut balls = Balls { uncertainty_mm, ..self.balls.clone() };
+        if let Source::Measured(readings) = source {
+            for ball in &mut balls.balls {
+                ball.centre_mm = self.centre(&ball.id, readings)?.into();
+            }
+        }
+        Ok(balls)
+    }
+
+    /// Table frame, mm.
+    fn centre(&self, id: &str, readings: &[Reading]) -> Result<Vector3<f64>, Refused> {
+        let again = || "start the run again".to_owned();
+        let of_ball = |step: &&Step| {
+            let mut parts = step.label.split('/');
+            parts.next() == Some(FIND) && parts.next() == Some(id)
+        };
+        let mut touches = Vec::new();
+        for step in self.plan.steps.iter().filter(of_ball) {
+            let latest = latest(step, readings)
+                .map_err(|why| Refused { why: why.to_string(), instead: again() })?;
+            touches.extend(latest.first().map(|reading| step.from.updated_by(&reading.position)));
+        }
+        let measured = measured_ball(id, &touches, &self.plan.machine, &self.plan.probe);
+        let measured =
+            measured.map_err(|why| Refused { why: why.to_string(), instead: again() })?;
+        Ok(measured.centre_mm)
+    }
+}

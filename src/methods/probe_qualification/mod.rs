@@ -1,0 +1,59 @@
+//! What a touch probe does with the direction, by touches all round a precision sphere: how it repeats, its
+//! pre-travel as harmonics of the azimuth with their covariance, its stylus offset where the spindle can be turned,
+//! and how much of it depends on the feed. Later runs with the same probe take the estimate as known
+//! (`identification/probe_map.rs`).
+
+mod bench;
+mod estimate;
+mod fit;
+mod layout;
+mod observe;
+mod outputs;
+mod settings;
+mod sources;
+mod stages;
+
+pub use settings::Settings;
+
+use self::bench::Bench;
+use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
+use crate::identification::probe_map;
+use machine::record::estimate::Estimate;
+use machine::record::plan::{Plan, Stage};
+use machine::record::reading::Reading;
+
+pub struct ProbeQualification {
+    settings: Settings,
+}
+
+impl Registered for ProbeQualification {
+    type Settings = Settings;
+    const DESCRIPTION: Description = Description {
+        name: probe_map::METHOD,
+        needs: "a precision sphere on the table; its form certificate, for a map that later runs take off",
+        finds: "repeatability of the touch probe, its pre-travel over the direction, what the feed changes; with a \
+                spindle that can be turned the stylus offset",
+        machine_file: "probe-qualification.toml",
+    };
+
+    fn new(settings: Settings) -> Self {
+        Self { settings }
+    }
+}
+
+impl Method for ProbeQualification {
+    fn settings(&self) -> serde_json::Value {
+        serde_json::to_value(&self.settings).unwrap_or_default()
+    }
+
+    fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+        stages::next(&Bench::new(plan, &self.settings)?, done, source)
+    }
+
+    fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+        let bench = Bench::new(plan, &self.settings)?;
+        let observed = observe::observe(&bench, readings)?;
+        let fitted = fit::fit(&bench, &observed)?;
+        Ok(estimate::estimate(&bench, &observed, &fitted))
+    }
+}

@@ -1,0 +1,151 @@
+//! From readings to distances of the stylus centre from the centre of the ball.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::Vector3;
+
+use super::bench::{Bench, FIND};
+use crate::{IdentifyError, Refused};
+use estimation::sphere::fit_sphere;
+use machine::frame::Point;
+use machine::record::plan::Step;
+use machine::record::reading::{Flag, Reading};
+use machine::{Axis, Position};
+
+/// One touch.
+#[derive(Debug, Clone)]
+pub struct Touch {
+    pub label: String,
+    /// From the ball's centre to the stylus centre, unit vector, machine frame; and in the frame of the spindle.
+    pub normal: Vector3<f64>,
+    pub in_spindle: Vector3<f64>,
+    /// Distance of the stylus centre from the centre of the fitted sphere, less both stated radii, mm.
+    pub beyond_mm: f64,
+    /// X, Y and Z.
+    pub axes_mm: Vector3<f64>,
+    pub is_fast: bool,
+    pub t_s: f64,
+    /// How many interruptions lie before it.
+    pub segment: usize,
+    /// Touches of one direction, orientation, feed and segment have the same.
+    pub group: usize,
+}
+
+pub struct Observed {
+    pub touches: Vec<Touch>,
+    /// Of the spindle; 0 alone where it is not turned.
+    pub orientations_deg: Vec<f64>,
+    /// Of slow and fast touches, mm/s.
+    pub speeds: [f64; 2],
+    /// Ball and stylus ball as stated, mm.
+    pub radius_mm: f64,
+    /// Of the first and the last touch.
+    times_s: [f64; 2],
+}
+
+impl Observed {
+    /// Time of a touch, from −1 to 1 over the run.
+    pub fn time(&self, touch: &Touch) -> f64 {
+        let [first, last] = self.times_s;
+        if last > first { (2.0 * touch.t_s - first - last) / (last - first) } else { 0.0 }
+    }
+
+    pub fn groups(&self) -> usize {
+        self.touches.iter().map(|touch| touch.group + 1).max().unwrap_or(0)
+    }
+}
+
+/// A reading with its step.
+struct Taken<'a> {
+    step: &'a Step,
+    reading: &'a Reading,
+    /// All axes.
+    at: Position,
+    /// Stylus centre, table frame, mm.
+    tip: Vector3<f64>,
+}
+
+impl Taken<'_> {
+    fn is_fast(&self, bench: &Bench<'_>) -> bool {
+        self.step.feed_mm_min > bench.plan.probe.feed_mm_min
+    }
+}
+
+/// # Errors
+/// Readings that do not belong to the plan, are missing or make no sphere.
+pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
+    let taken = taken(bench, readings)?;
+    let slow = taken.iter().filter(|taken| !taken.is_fast(bench));
+    let points: Vec<[f64; 3]> = slow.map(|taken| taken.tip.into()).collect();
+    let sphere = fit_sphere(&points).map_err(|why| Refused {
+        why: format!("the slow touches make no sphere: {why}"),
+        instead: "give plan and readings of a whole run of probe-qualification".to_owned(),
+    })?;
+    let radius_mm = bench.measured_ball()?.radius_mm + bench.plan.probe.ball_radius_mm;
+    let table = bench.chain.machine_from_table(&bench.rotary, &[]).rotation;
+    let mut groups = BTreeMap::new();
+    let touch = |taken: &Taken<'_>| {
+        let from_centre = table * (taken.tip - Vector3::from(sphere.centre));
+        let normal = from_centre.normalize();
+        let gaps = bench.plan.gaps_s.iter();
+        let segment = gaps.filter(|gap| taken.reading.t_s > **gap).count();
+        let number = groups.len();
+        Touch {
+            label: taken.step.label.clone(),
+            normal,
+            in_spindle: bench.chain.machine_from_spindle(&taken.at, &[]).rotation.inverse()
+                * normal,
+            beyond_mm: from_centre.norm() - radius_mm,
+            axes_mm: taken.at.xyz(),
+            is_fast: taken.is_fast(bench),
+            t_s: taken.reading.t_s,
+            segment,
+            group: *groups.entry((direction(&taken.step.label), segment)).or_insert(number),
+        }
+    };
+    let touches: Vec<Touch> = taken.iter().map(touch).collect();
+    let times = || touches.iter().map(|touch| touch.t_s);
+    Ok(Observed {
+        orientations_deg: bench.orientations_deg(),
+        speeds: [bench.plan.probe.feed_mm_min, bench.fast_mm_min()].map(|feed| feed / 60.0),
+        radius_mm,
+        times_s: [times().fold(f64::INFINITY, f64::min), times().fold(f64::NEG_INFINITY, f64::max)],
+        touches,
+    })
+}
+
+/// All good readings but those that found the balls.
+fn taken<'a>(bench: &Bench<'a>, readings: &'a [Reading]) -> Result<Vec<Taken<'a>>, IdentifyError> {
+    let plan = bench.plan;
+    IdentifyError::check_steps(plan, readings)?;
+    let mut seen = BTreeSet::new();
+    if let Some(twice) = readings.iter().find(|read| !seen.insert((read.step, read.repeat))) {
+        return Err(IdentifyError::Duplicate { step: twice.step, repeat: twice.repeat });
+    }
+    let steps = plan.steps.iter().filter(|step| !step.label.starts_with(FIND));
+    let steps: BTreeMap<u32, &Step> = steps.map(|step| (step.id, step)).collect();
+    if let Some(missing) = steps.values().find(|step| !seen.iter().any(|(id, _)| *id == step.id)) {
+        return Err(IdentifyError::missing(missing));
+    }
+    let tip = Point::from_vec(Vector3::from(plan.machine.tool_mm));
+    let mut taken = Vec::new();
+    for reading in readings.iter().filter(|reading| reading.flag == Flag::None) {
+        let Some(step) = steps.get(&reading.step).copied() else { continue };
+        let has = |axis| reading.position.get(axis).is_some_and(f64::is_finite);
+        if !Axis::LINEAR.into_iter().all(has) || !reading.t_s.is_finite() {
+            return Err(IdentifyError::Numerical(format!(
+                "{}: the reading lacks X, Y, Z or its time as numbers",
+                step.label
+            )));
+        }
+        let at = step.from.updated_by(&reading.position);
+        let tip = bench.chain.tip_in_table(&at, tip, &[]).mm;
+        taken.push(Taken { step, reading, at, tip });
+    }
+    Ok(taken)
+}
+
+/// A label without the round.
+fn direction(label: &str) -> String {
+    label.rsplit_once('/').map_or(label, |(direction, _)| direction).to_owned()
+}

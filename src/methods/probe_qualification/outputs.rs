@@ -1,0 +1,65 @@
+//! Reported quantities: the map, the stylus offset, the effective radius, what the feed changes.
+
+use machine::record::estimate::{FigureKind, Unit};
+use nalgebra::Vector3;
+
+use super::bench::Bench;
+use super::layout::{Layout, harmonic};
+use crate::identification::probe_map::symbols;
+use crate::identification::{Curve, Output, Outputs, unit_slope};
+
+/// Of the curves, degrees.
+const PITCH_DEG: usize = 5;
+
+pub fn outputs(bench: &Bench<'_>, layout: &Layout, x: &[f64]) -> Outputs {
+    let mut parameters = Vec::new();
+    for (index, order) in layout.map.iter().enumerate() {
+        // Without a certificate nothing bounds the form of the ball.
+        if *order > 1 && !layout.separates(*order) && bench.settings.form_um.is_none() {
+            continue;
+        }
+        let unknowns = [layout.map(index), layout.map(index) + 1];
+        let parts = symbols(*order).into_iter().zip(unknowns);
+        parameters.extend(parts.map(|(symbol, at)| Output::unknown(&symbol, Unit::Um, at, x)));
+    }
+    if let Some(first) = layout.map.iter().position(|order| *order == 1) {
+        // A stylus that stands off towards the surface meets it earlier.
+        for (symbol, at) in [("x_stylus", layout.map(first)), ("y_stylus", layout.map(first) + 1)] {
+            let slope = unit_slope(at, x.len()).into_iter().map(|slope| -slope).collect();
+            parameters.push(Output::linear(symbol, Unit::Um, slope, x));
+        }
+    }
+    parameters.push(Output::unknown("r_stylus", Unit::Um, layout.radius(), x));
+    let mut curves = vec![curve("E_probe", layout, x, layout.map(0), &layout.map)];
+    if !layout.fast.is_empty() {
+        parameters.push(Output::unknown("t_latch", Unit::Ms, layout.delay(), x));
+        curves.push(curve("E_probe_fast", layout, x, layout.fast(0), &layout.fast));
+    }
+    Outputs { parameters, curves, nonlinear: None }
+}
+
+/// Over the azimuth, at right angles to the spindle. `first`: the first unknown of the `orders`.
+fn curve(symbol: &str, layout: &Layout, x: &[f64], first: usize, orders: &[u32]) -> Curve {
+    let degrees: Vec<f64> = (0..360).step_by(PITCH_DEG).map(f64::from).collect();
+    let slope = |degrees: &f64| {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let mut slope = vec![0.0; layout.unknowns()];
+        for (index, order) in orders.iter().enumerate() {
+            let at = first + 2 * index;
+            slope[at..at + 2].copy_from_slice(&harmonic(*order, &Vector3::new(cos, sin, 0.0)));
+        }
+        slope
+    };
+    let slopes: Vec<Vec<f64>> = degrees.iter().map(slope).collect();
+    let value = |slope: &Vec<f64>| slope.iter().zip(x).map(|(slope, x)| slope * x).sum();
+    Curve {
+        symbol: symbol.to_owned(),
+        argument: "azimuth",
+        argument_unit: "deg",
+        x: degrees,
+        y: slopes.iter().map(value).collect(),
+        unit: Unit::Um,
+        figure: FigureKind::Polar,
+        slopes,
+    }
+}

@@ -1,0 +1,89 @@
+//! Settings of the method, the table `[method.probe-qualification]` of the machine file.
+
+use serde::{Deserialize, Serialize};
+
+use crate::Refused;
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// Id of the ball that is touched; empty: the first one that is free all round.
+    pub ball: String,
+    /// Directions round the ball, at equal angles.
+    pub azimuths: u32,
+    /// Touches of each direction at the measuring feed, and at the fast one.
+    pub repeats: u32,
+    /// Highest harmonic order of the map; a higher one of `[probe] lobing_orders` counts.
+    pub orders: u32,
+    /// Roundness of the ball by its certificate: largest less smallest radius of a section (RONt, ISO 12181-1).
+    /// Absent: not certified.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub form_um: Option<f64>,
+    /// Orientations of the spindle, degrees. Absent: 0, 90, 180 and 270 where it is an axis.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub spindle_deg: Option<Vec<f64>>,
+    /// Feed of the faster touches. Absent: the search feed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fast_feed_mm_min: Option<f64>,
+    /// Clear distance before the expected contact, mm.
+    pub standoff_mm: f64,
+    /// How far beyond it a touch may go, mm.
+    pub search_mm: f64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            ball: String::new(),
+            azimuths: 24,
+            repeats: 3,
+            orders: 6,
+            form_um: None,
+            spindle_deg: None,
+            fast_feed_mm_min: None,
+            standoff_mm: 0.5,
+            search_mm: 1.0,
+        }
+    }
+}
+
+const MOST_AZIMUTHS: u32 = 360;
+const MOST_REPEATS: u32 = 100;
+
+impl Settings {
+    /// # Errors
+    /// What would fail on the way.
+    pub fn check(&self) -> Result<(), Refused> {
+        Refused::check_numbers(
+            &[("standoff_mm", self.standoff_mm), ("search_mm", self.search_mm)],
+            &[("form_um", self.form_um.unwrap_or(0.0))],
+        )?;
+        Refused::unless(
+            (2..=MOST_REPEATS).contains(&self.repeats),
+            format!("{} touches of a direction do not show how they repeat", self.repeats),
+            "choose repeats = 3, at least 2 and at most 100",
+        )?;
+        Refused::unless(
+            self.orders >= 3 && self.azimuths <= MOST_AZIMUTHS,
+            "the map needs orders up to 3 at least, and no more than 360 azimuths",
+            "leave orders (6) and azimuths (24) out",
+        )?;
+        let is_angle = |degrees: &f64| (-360.0..=360.0).contains(degrees);
+        Refused::unless(
+            self.spindle_deg.iter().flatten().all(is_angle),
+            "spindle_deg has an angle beyond a turn",
+            "leave it out, or choose e.g. [0, 90, 180, 270]",
+        )
+    }
+
+    /// # Errors
+    /// Too few directions to tell the orders up to `last` apart.
+    pub fn check_azimuths(&self, last: u32) -> Result<(), Refused> {
+        let least = 2 * last + 2;
+        Refused::unless(
+            self.azimuths >= least,
+            format!("{} azimuths do not tell the orders up to {last} apart", self.azimuths),
+            format!("choose azimuths = {least} or more"),
+        )
+    }
+}

@@ -1,0 +1,160 @@
+//! Whether the probe is qualified as a run needs it: the same probe, not too long ago (`[probe]
+//! qualified_within_days`).
+
+use jiff::{Timestamp, Unit};
+
+use super::identify::probe_sha256;
+use crate::store::{Journal, StoreError};
+use machine::record::estimate::{Estimate, Provenance};
+use machine::record::plan::Plan;
+use methods::Method;
+use methods::identification::probe_map::METHOD;
+
+/// Why a run does not begin.
+#[derive(Debug, thiserror::Error)]
+pub enum Unqualified {
+    #[error(
+        "[probe] qualified_within_days asks for a qualification of the probe, and the journal has none"
+    )]
+    Never,
+    #[error(
+        "the qualification of the probe is {days:.1} days old, more than qualified_within_days = {most}"
+    )]
+    Old { days: f64, most: f64 },
+    #[error("the qualification of the probe does not say when it was measured")]
+    Undated,
+    #[error("the qualification is of another probe than [probe] describes now")]
+    OtherProbe,
+    #[error(transparent)]
+    Map(#[from] methods::Refused),
+    #[error(transparent)]
+    Store(#[from] StoreError),
+}
+
+impl Unqualified {
+    /// What to do next.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Map(refused) => refused.instead.clone(),
+            Self::Store(error) => error.remedy().to_owned(),
+            Self::Never | Self::Old { .. } | Self::Undated | Self::OtherProbe => {
+                format!("run `trued run {METHOD}` with a precision sphere, then this run again")
+            }
+        }
+    }
+}
+
+/// The plan with the newest qualification of the machine's probe among its priors, where the machine file asks for one
+/// and none is given.
+///
+/// # Errors
+/// There is none; it is of another probe, or too old; the method cannot take it.
+pub fn qualified(
+    method: &dyn Method,
+    mut plan: Plan,
+    journal: &Journal,
+    now: Timestamp,
+) -> Result<Plan, Unqualified> {
+    let within_days = plan.probe.qualified_within_days.filter(|_| method.takes_probe_map());
+    let is_given = plan.priors.iter().any(|prior| prior.method == METHOD);
+    if within_days.is_some() && !is_given {
+        let newest = journal.newest_of(&plan.machine.name, METHOD)?.ok_or(Unqualified::Never)?;
+        let stored = journal.load(newest)?.estimates.pop().ok_or(Unqualified::Never)?;
+        plan.priors.push(stored.estimate);
+        method.check_priors(&plan)?;
+    }
+    check_probe(&plan)?;
+    let given = plan.priors.iter().find(|prior| prior.method == METHOD);
+    if let (Some(prior), Some(most)) = (given, within_days) {
+        let days = age_days(prior, now).ok_or(Unqualified::Undated)?;
+        if days > most {
+            return Err(Unqualified::Old { days, most });
+        }
+    }
+    Ok(plan)
+}
+
+/// A qualification among the priors is of the plan's own probe.
+///
+/// # Errors
+/// It is not, or does not say of which.
+pub fn check_probe(plan: &Plan) -> Result<(), Unqualified> {
+    let own = probe_sha256(plan);
+    let is_own = |provenance: &Provenance| Some(&provenance.probe_sha256) == own.as_ref();
+    let mut maps = plan.priors.iter().filter(|prior| prior.method == METHOD);
+    match maps.all(|prior| prior.provenance.as_ref().is_some_and(is_own)) {
+        true => Ok(()),
+        false => Err(Unqualified::OtherProbe),
+    }
+}
+
+fn age_days(prior: &Estimate, now: Timestamp) -> Option<f64> {
+    let started: Timestamp = prior.provenance.as_ref()?.started.as_ref()?.parse().ok()?;
+    now.since(started).ok()?.total(Unit::Hour).ok().map(|hours| hours / 24.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use jiff::ToSpan;
+    use serde_json::json;
+
+    use super::*;
+    use crate::archive::plan_for_tests;
+    use crate::run::dated;
+    use crate::store::{NewRun, RunState};
+
+    fn method() -> Box<dyn Method> {
+        methods::configure("samba", json!({})).unwrap()
+    }
+
+    /// The map of a probe, as a run of `plan` would have it.
+    fn map(plan: &Plan) -> Estimate {
+        let of = |symbol: &str| {
+            json!({"symbol": symbol, "value": 1.0, "unit": "um", "u": 0.1, "U": 0.2, "k": 2.0, "dof": null,
+                "identifiable": true})
+        };
+        let estimate = json!({
+            "trued_estimate": 1, "method": METHOD,
+            "parameters": [of("E_probe_c3"), of("E_probe_s3")], "functions": [],
+            "covariance": {"symbols": ["E_probe_c3", "E_probe_s3"], "rows": [[0.01, 0.0], [0.0, 0.01]]},
+            "rank": 2, "unknowns": 2, "condition": 1.0, "gauge": [], "not_identifiable": [],
+            "residual_rms_um": 0.1, "degrees_of_freedom": 10, "chi2_per_dof": 1.0, "verdict": "none",
+            "warnings": [], "priors": [],
+            "provenance": {"program": "trued", "machine": plan.machine.name, "plan_sha256": "", "readings_sha256": "",
+                "probe_sha256": probe_sha256(plan).unwrap(), "artefact_sha256": "", "compensations_active": [],
+                "duration_s": 1.0},
+        });
+        serde_json::from_value(estimate).unwrap()
+    }
+
+    #[tokio::test]
+    async fn a_run_takes_the_newest_qualification_if_it_is_of_its_probe_and_recent() {
+        let dir = tempfile::tempdir().unwrap();
+        let journal = Journal::open(dir.path()).unwrap();
+        let mut plan = plan_for_tests("samba", "mill");
+        let now = Timestamp::now();
+        let ask = |plan: &Plan, now| qualified(method().as_ref(), plan.clone(), &journal, now);
+        assert_eq!(ask(&plan, now).unwrap().priors, []);
+        plan.probe.qualified_within_days = Some(30.0);
+        assert!(matches!(ask(&plan, now), Err(Unqualified::Never)));
+
+        let new = NewRun { config: String::new(), plan: plan_for_tests(METHOD, "mill") };
+        let run = journal.begin(&new).await.unwrap();
+        let found = dated(map(&plan), journal.started(run).unwrap());
+        journal.estimate(run, &found).await.unwrap();
+        journal.set_state(run, RunState::Finished).await.unwrap();
+        assert_eq!(ask(&plan, now).unwrap().priors, [found]);
+        let late = now + (31 * 24).hours();
+        assert!(matches!(ask(&plan, late), Err(Unqualified::Old { days, .. }) if days > 30.9));
+
+        // What is declared of its uncertainty makes no other probe.
+        plan.probe.repeatability_um = Some(0.2);
+        assert!(ask(&plan, now).is_ok());
+        plan.probe.ball_radius_mm += 0.5;
+        assert!(matches!(ask(&plan, now), Err(Unqualified::OtherProbe)));
+        let undated = Plan { priors: vec![map(&plan)], ..plan.clone() };
+        assert!(matches!(ask(&undated, now), Err(Unqualified::Undated)));
+        plan.machine.name = "another".to_owned();
+        assert!(matches!(ask(&plan, now), Err(Unqualified::Never)));
+    }
+}

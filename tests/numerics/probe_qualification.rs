@@ -1,0 +1,309 @@
+//! The map of the probe in worlds whose pre-travel is made from its definition, and what later runs gain by it.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Rotation3, Vector3};
+use rand::RngExt;
+use rayon::prelude::*;
+use toml::{Table, Value};
+use trued::setup::{self, MachineFile};
+
+use estimation::random::stream;
+use machine::Axis;
+use machine::record::estimate::{Estimate, Parameter, Verdict};
+use machine::record::plan::Plan;
+use machine::record::reading::Reading;
+use testing::population::{is_full, population};
+
+use crate::machine_text::{parsed, set};
+use crate::support::plan_player;
+use crate::touch_alone::touch_alone;
+
+const QUALIFICATION: &str = include_str!("../../config/probe-qualification.toml");
+const SELF_CALIBRATION: &str = include_str!("../../config/simulated.toml");
+
+const ROUNDING: [(&str, Value); 3] = [
+    ("axes.X.resolution_um", Value::Float(0.0)),
+    ("axes.Y.resolution_um", Value::Float(0.0)),
+    ("axes.Z.resolution_um", Value::Float(0.0)),
+];
+
+/// How far too far out a touch is read whose outward normal is given: in the frame of the spindle, and of the machine.
+type Deviation<'a> = &'a (dyn Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64> + Sync);
+
+fn machine(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
+    let mut table: Table = text.parse().unwrap();
+    if !turns {
+        table["axes"].as_table_mut().unwrap().remove("S");
+    }
+    changes.iter().for_each(|(path, value)| set(&mut table, path, value.clone()));
+    parsed(&table)
+}
+
+/// A world without lobes and without rounding: [`measured`] adds them.
+fn world(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
+    let none =
+        ["probe.lobing_um", "axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um"];
+    let none = none.map(|key| (key, Value::Float(0.0)));
+    machine(text, turns, &[changes, &none].concat())
+}
+
+/// Played in the world of `world`, with the deviation added to what is displayed.
+fn measured(
+    method: &str,
+    file: &MachineFile,
+    world: &MachineFile,
+    deviation: Deviation<'_>,
+) -> (Plan, Vec<Reading>) {
+    let (method, header) = setup::header(file, method, None).unwrap();
+    let mut world = setup::world(world).unwrap();
+    let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
+    let (plan, mut readings) = played.unwrap();
+    for reading in &mut readings {
+        let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
+        let normal = Vector3::from(step.normal);
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), step.from.at(Axis::S));
+        let displayed = reading.position.xyz() + turn * deviation(turn.inverse() * normal, normal);
+        for (axis, value) in Axis::LINEAR.into_iter().zip(displayed.iter()) {
+            let step = file.machine.axes[&axis].resolution_um * 1e-3;
+            let rounded = if step > 0.0 { (value / step).round() * step } else { *value };
+            reading.position.set(axis, rounded);
+        }
+    }
+    (plan, readings)
+}
+
+fn identified(file: &MachineFile, plan: &Plan, readings: &[Reading]) -> Estimate {
+    let (method, _) = setup::header(file, &plan.method, None).unwrap();
+    method.check_priors(plan).unwrap();
+    method.identify(plan, readings).unwrap()
+}
+
+fn parameter<'e>(estimate: &'e Estimate, symbol: &str) -> &'e Parameter {
+    estimate.parameters.iter().find(|own| own.symbol == symbol).unwrap()
+}
+
+/// Σ (c cos kα + s sin kα), fading towards the pole.
+fn lobes(terms: &[(f64, [f64; 2])], n: Vector3<f64>) -> f64 {
+    let azimuth = n.y.atan2(n.x);
+    let term = |(k, [c, s]): &(f64, [f64; 2])| c * (k * azimuth).cos() + s * (k * azimuth).sin();
+    n.xy().norm() * terms.iter().map(term).sum::<f64>()
+}
+
+/// Standard normal deviates of a world (Box and Muller).
+fn normals(seed: u64) -> impl FnMut() -> f64 {
+    let mut random = stream(seed, &[0x7175_616c]);
+    move || {
+        let (radius, angle): (f64, f64) = (random.random(), random.random());
+        (-2.0 * (1.0 - radius).ln()).sqrt() * (TAU * angle).cos()
+    }
+}
+
+/// Lobes of 1 um of each order from 2 to 6; a stylus offset of 5 um; a ball with 0.1 um of form. All else as declared.
+fn qualified(seed: u64, turns: bool) -> (Estimate, Vec<(String, f64)>) {
+    let changes = [
+        ("simulated.seed", Value::Integer(seed as i64)),
+        ("simulated.ball_form_um", 0.0.into()),
+        ("probe.stylus_offset_um", 0.0.into()),
+    ];
+    let world = world(QUALIFICATION, turns, &changes);
+    let file = machine(QUALIFICATION, turns, &[]);
+    let mut normal = normals(seed);
+    let mut terms = |size: f64| -> Vec<(f64, [f64; 2])> {
+        (2..=6).map(|k| (f64::from(k), [(); 2].map(|()| size * normal()))).collect()
+    };
+    let (map, form) = (terms(1e-3), terms(0.1e-3 / 8f64.sqrt()));
+    let offset = Vector3::new(normal(), normal(), 0.0) * 5e-3;
+    let deviation = |in_spindle: Vector3<f64>, in_machine: Vector3<f64>| {
+        in_spindle * (lobes(&map, in_spindle) + lobes(&form, in_machine)) - offset
+    };
+    let (plan, readings) = measured("probe-qualification", &file, &world, &deviation);
+    let truth = map.iter().flat_map(|(k, [c, s])| {
+        [(format!("E_probe_c{k}"), c * 1e3), (format!("E_probe_s{k}"), s * 1e3)]
+    });
+    let mut truth: Vec<(String, f64)> = truth.collect();
+    match turns {
+        true => truth.extend([
+            ("x_stylus".to_owned(), offset.x * 1e3),
+            ("y_stylus".to_owned(), offset.y * 1e3),
+        ]),
+        // The second order is not taken off.
+        false => drop(truth.drain(..2)),
+    }
+    (identified(&file, &plan, &readings), truth)
+}
+
+/// METHODS, section 6.
+#[test]
+fn the_map_is_within_its_uncertainty() {
+    const FULL: u64 = 1000;
+    for turns in [true, false] {
+        let worlds = population(FULL).max(50);
+        let all: Vec<_> =
+            (0..worlds).into_par_iter().map(|seed| qualified(8000 + seed, turns)).collect();
+        let flagged = all.iter().filter(|(e, _)| e.verdict != Verdict::None).count();
+        println!("turned {turns}: {flagged} of {worlds} flagged");
+        assert!(flagged as u64 * 50 <= worlds.max(100), "{flagged} of {worlds} flagged");
+        let (mut hits, mut count) = (0, 0);
+        for (k, (symbol, _)) in all[0].1.iter().enumerate() {
+            let deviation = |(estimate, truth): &(Estimate, Vec<(String, f64)>)| {
+                let found = parameter(estimate, symbol);
+                ((found.value - truth[k].1).abs(), found.expanded)
+            };
+            let within = all.iter().map(deviation).filter(|(off, u)| off <= u).count();
+            let part = within as f64 / worlds as f64;
+            println!(
+                "{symbol}: {:.1} %, U {:.3}",
+                part * 100.0,
+                parameter(&all[0].0, symbol).expanded
+            );
+            if is_full() {
+                assert!((0.93..=0.985).contains(&part), "{symbol}: {part}");
+            }
+            (hits, count) = (hits + within, count + worlds as usize);
+        }
+        let part = hits as f64 / count as f64;
+        println!("turned {turns}: {:.1} % of {count}", part * 100.0);
+        assert!((0.93..=0.985).contains(&part), "{part}");
+    }
+}
+
+fn three_lobes(phase: f64) -> impl Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64> + Sync {
+    move |in_spindle, _| {
+        let azimuth = in_spindle.y.atan2(in_spindle.x);
+        in_spindle * (2e-3 * in_spindle.xy().norm() * (3.0 * azimuth + phase).cos())
+    }
+}
+
+/// A probe with three lobes of 2 um in a spindle that cannot be turned, on a ball certified to 0.1 um.
+#[test]
+fn the_map_takes_off_the_bias_by_three_lobes() {
+    let worlds = population(100).max(10);
+    let pair = |seed: u64| {
+        let fixed = [
+            ("simulated.seed", Value::Integer(seed as i64)),
+            ("method.self-calibration.monte_carlo_trials", Value::Integer(100)),
+            ("probe.lobing_um", 2.0.into()),
+            ("probe.lobing_orders", Value::Array(Vec::new())),
+        ];
+        let lobes = three_lobes(normals(seed)() * TAU);
+        let ball = machine(QUALIFICATION, false, &fixed[..1]);
+        let room = world(QUALIFICATION, false, &fixed[..1]);
+        let (plan, readings) = measured("probe-qualification", &ball, &room, &lobes);
+        let map = identified(&ball, &plan, &readings);
+        // Rounding would not be the same with lobes and without.
+        let fixed = [&fixed[..], &ROUNDING].concat();
+        let part = machine(SELF_CALIBRATION, false, &fixed);
+        let room = world(SELF_CALIBRATION, false, &fixed);
+        let (plan, round) = measured("self-calibration", &part, &room, &|_, _| Vector3::zeros());
+        let reference = identified(&part, &plan, &round);
+        let (mut plan, readings) = measured("self-calibration", &part, &room, &lobes);
+        let biased = identified(&part, &plan, &readings);
+        plan.priors = vec![map];
+        let corrected = identified(&part, &plan, &readings);
+        assert!(corrected.gauge.iter().any(|line| line.contains("orders 3, 4, 5, 6; order 2")));
+        let off = |estimate: &Estimate, symbol: &str| {
+            parameter(estimate, symbol).value - parameter(&reference, symbol).value
+        };
+        let bias = |estimate: &Estimate| off(estimate, "EX0C").hypot(off(estimate, "EY0C"));
+        let u = |estimate: &Estimate| parameter(estimate, "EX0C").u;
+        ([bias(&biased), bias(&corrected)], [u(&biased), u(&corrected)])
+    };
+    let pairs: Vec<_> = (8500..8500 + worlds).into_par_iter().map(pair).collect();
+    let [without, with] = [0, 1].map(|k| {
+        let squares: f64 = pairs.iter().map(|(bias, _)| bias[k].powi(2)).sum();
+        (squares / worlds as f64).sqrt()
+    });
+    println!("bias {without:.3} um, with the map {with:.3} um; u of EX0C {:?}", pairs[0].1);
+    assert!(without > 1.5 && with <= 0.1 * without, "{without} {with}");
+    assert!(pairs.iter().all(|(_, [without, with])| with < &(0.5 * without)));
+}
+
+fn none(_: Vector3<f64>, _: Vector3<f64>) -> Vector3<f64> {
+    Vector3::zeros()
+}
+
+/// A built-in machine without lobes whose spindle does not turn; plan and readings.
+fn sound(changes: &[(&str, Value)], deviation: Deviation<'_>) -> (MachineFile, Plan, Vec<Reading>) {
+    let file = machine(QUALIFICATION, false, changes);
+    let room = world(QUALIFICATION, false, changes);
+    let (plan, readings) = measured("probe-qualification", &file, &room, deviation);
+    (file, plan, readings)
+}
+
+#[test]
+fn lobes_that_the_map_does_not_have_contradict_it() {
+    let nine = |n: Vector3<f64>, _: Vector3<f64>| n * lobes(&[(9.0, [1e-3, 0.0])], n);
+    let (file, plan, readings) = sound(&[], &nine);
+    assert_eq!(identified(&file, &plan, &readings).verdict, Verdict::UndecidedModel);
+    let declared = [("probe.lobing_orders", Value::Array(vec![Value::Integer(9)]))];
+    let (file, plan, readings) = sound(&declared, &nine);
+    let estimate = identified(&file, &plan, &readings);
+    let found = parameter(&estimate, "E_probe_c9");
+    assert_eq!(estimate.verdict, Verdict::None);
+    assert!((found.value - 1.0).abs() < 3.0 * found.u, "{found:?}");
+    // A later run would not believe what contradicts itself.
+    let (method, mut plan) = setup::header(&file, "samba", None).unwrap();
+    let contradicted = Estimate { verdict: Verdict::UndecidedModel, ..estimate.clone() };
+    plan.priors = vec![contradicted];
+    assert!(method.check_priors(&plan).unwrap_err().why.contains("contradicts its own model"));
+    plan.priors = vec![estimate.clone(), estimate];
+    assert!(method.check_priors(&plan).unwrap_err().why.contains("two qualifications"));
+}
+
+#[test]
+fn without_a_certificate_the_form_of_the_ball_is_not_taken_for_the_probe() {
+    let mut table: Table = QUALIFICATION.parse().unwrap();
+    table["axes"].as_table_mut().unwrap().remove("S");
+    table["method"]["probe-qualification"].as_table_mut().unwrap().remove("form_um");
+    let file = parsed(&table);
+    let (plan, readings) = measured("probe-qualification", &file, &file, &none);
+    let estimate = identified(&file, &plan, &readings);
+    assert!(estimate.parameters.iter().all(|own| !own.symbol.starts_with("E_probe")));
+    let says = |text: &str| estimate.not_identifiable.iter().any(|line| line.contains(text));
+    assert!(says("orders 3, 4, 5, 6 of the map and the form of the ball look alike"));
+    let (method, mut plan) = setup::header(&file, "samba", None).unwrap();
+    plan.priors = vec![estimate];
+    assert!(method.check_priors(&plan).unwrap_err().instead.contains("form_um"));
+}
+
+/// A ball that has moved meanwhile has another centre, and the probe the same map.
+#[test]
+fn the_map_stays_where_the_ball_moves_in_an_interruption() {
+    let three = |n: Vector3<f64>, _: Vector3<f64>| n * lobes(&[(3.0, [2e-3, 0.0])], n);
+    let (file, mut plan, mut readings) = sound(&[], &three);
+    let before = identified(&file, &plan, &readings);
+    let middle = readings[readings.len() / 2].t_s;
+    plan.gaps_s = vec![middle];
+    for reading in readings.iter_mut().filter(|reading| reading.t_s > middle) {
+        let moved = reading.position.xyz() + Vector3::new(0.04, -0.03, 0.02);
+        for (axis, value) in Axis::LINEAR.into_iter().zip(moved.iter()) {
+            reading.position.set(axis, *value);
+        }
+    }
+    let after = identified(&file, &plan, &readings);
+    assert_eq!(after.verdict, Verdict::None, "{:?}", after.warnings);
+    for symbol in ["E_probe_c3", "E_probe_s3", "E_probe_c5"] {
+        let [before, after] = [&before, &after].map(|estimate| parameter(estimate, symbol));
+        assert!((before.value - after.value).abs() < before.u, "{symbol}: {before:?} {after:?}");
+    }
+}
+
+#[test]
+fn a_touch_that_is_off_is_named() {
+    let (file, plan, mut readings) = sound(&[], &none);
+    let number = 60;
+    let step = plan.steps.iter().find(|step| step.id == readings[number].step).unwrap();
+    let off = readings[number].position.xyz() + Vector3::from(step.normal) * 5e-3;
+    for (axis, value) in Axis::LINEAR.into_iter().zip(off.iter()) {
+        readings[number].position.set(axis, *value);
+    }
+    let estimate = identified(&file, &plan, &readings);
+    let named: Vec<&str> = estimate
+        .outliers
+        .iter()
+        .flat_map(|one| &one.candidates)
+        .map(|one| one.label.as_str())
+        .collect();
+    assert_eq!((named, estimate.verdict), (vec![step.label.as_str()], Verdict::UndecidedModel));
+}

@@ -1,0 +1,60 @@
+//! A probe is qualified, and later runs with it take the map off.
+
+use super::{MachineShop, changed, estimate, tells};
+
+/// The same probe in the same machine; two directions of a revolution less than the map's orders need are not enough.
+const SMALL: &str = "azimuths = 14\nrepeats = 2\nspindle_deg = [0.0]";
+
+pub fn a_later_run_takes_off_the_map_of_its_own_probe() {
+    let ball = changed(
+        include_str!("../../../config/probe-qualification.toml"),
+        &[("azimuths = 24\nrepeats = 3", SMALL)],
+    );
+    let part = changed(
+        include_str!("../../../config/simulated.toml"),
+        &[
+            (
+                "name = \"simulated five-axis machine\"",
+                "name = \"simulated machine with a precision sphere on its table\"",
+            ),
+            ("[probe]", "[probe]\nstylus = \"50 mm, ball 6 mm\"\nqualified_within_days = 30.0"),
+        ],
+    );
+    let part = format!("{part}\n[method.self-calibration]\nmonte_carlo_trials = 1000\n");
+    let shop = MachineShop::new(&ball);
+    let own = shop.path("part.toml");
+    std::fs::write(&own, &part).unwrap();
+    let run =
+        || shop.trued(&["run", "self-calibration", "--json", "--machine", own.to_str().unwrap()]);
+
+    let refused = run();
+    assert_eq!(refused.status.code(), Some(1));
+    tells(
+        &refused,
+        &[
+            "qualified_within_days asks for a qualification",
+            "run probe-qualification` with a precision sphere",
+        ],
+    );
+
+    let map = estimate(&shop.trued(&[
+        "run",
+        "probe-qualification",
+        "--json",
+        "--machine",
+        &shop.machine(),
+    ]));
+    assert!(map["provenance"]["started"].as_str().unwrap().ends_with('Z'));
+    let later = estimate(&run());
+    let gauge = later["gauge"].to_string();
+    assert!(
+        gauge.contains("taken off as qualified: orders 3, 4, 5, 6; order 2 is carried"),
+        "{gauge}"
+    );
+    assert_eq!(later["priors"].as_array().unwrap().len(), 1);
+
+    std::fs::write(&own, part.replace("50 mm, ball 6 mm", "a new one")).unwrap();
+    let refused = run();
+    assert_eq!(refused.status.code(), Some(1));
+    tells(&refused, &["the qualification is of another probe"]);
+}
