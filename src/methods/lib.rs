@@ -21,6 +21,7 @@ pub mod r_test;
 mod registry;
 pub mod samba;
 pub mod self_calibration;
+mod suspects;
 mod turns;
 
 pub use asking::asking;

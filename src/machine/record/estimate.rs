@@ -258,6 +258,9 @@ pub struct Outlier {
     pub candidates: Vec<Deviation>,
     /// Externally studentised residual.
     pub t: f64,
+    /// What was done, in words; absent: nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resolution: Option<String>,
 }
 
 /// Of one measurement, as the plan labels it.

@@ -13,8 +13,11 @@ use crate::{Axis, Position};
 /// Version of the plan format, the value of the key `trued_plan`.
 pub const PLAN_VERSION: u32 = 1;
 
-/// Repeats from here on are references measured again after a stop; no method counts its passes so
-/// far.
+/// Repeats from here on, and below [`REPEAT_AFTER_STOP`], are measured again because all others contradict what was
+/// read; no method counts its passes so far.
+pub const REPEAT_OF_SUSPECTS: u32 = 500;
+
+/// Repeats from here on are references measured again after a stop.
 pub const REPEAT_AFTER_STOP: u32 = 1000;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -197,8 +200,9 @@ pub enum Sampling {
 pub struct Stage {
     pub id: u32,
     pub name: String,
-    /// How often each step has been measured before: 0 in the first pass. From
-    /// [`REPEAT_AFTER_STOP`] on: references measured again after a stop, counted by stops.
+    /// How often each step has been measured before: 0 in the first pass. From [`REPEAT_OF_SUSPECTS`] on: measured
+    /// again because it was far off, counted by such stages; from [`REPEAT_AFTER_STOP`] on: references measured again
+    /// after a stop, counted by stops.
     pub repeat: u32,
     /// Ids of the steps to run, in order. They stand in the plan.
     pub steps: Vec<u32>,

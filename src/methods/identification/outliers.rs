@@ -89,7 +89,7 @@ impl Check<'_> {
             let candidates: Vec<Deviation> =
                 self.alike(measurement).into_iter().map(|m| self.deviation(m)).collect();
             if list.iter().all(|known| known.candidates != candidates) {
-                list.push(Outlier { candidates, t });
+                list.push(Outlier { candidates, t, resolution: None });
             }
         }
         list
