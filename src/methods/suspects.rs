@@ -104,9 +104,12 @@ impl Suspecting {
                     continue;
                 }
                 let resolution = "measured again: the last measurement counts";
+                let off = outlier.candidates.iter();
+                let off = off.map(|one| format!("{} by {:.1} µm", one.label, one.deviation_um));
+                let off: Vec<String> = off.collect();
                 estimate.warnings.push(format!(
                     "was off what all others make expected: {}; {resolution}",
-                    labels(&outlier).join(" or ")
+                    off.join(" or ")
                 ));
                 let resolution = Some(resolution.to_owned());
                 estimate.outliers.push(Outlier { resolution, ..outlier });

@@ -1,11 +1,13 @@
 //! METHODS, section 6: a source switched on changes its line of the budget and the scatter alike. Each world is
 //! measured with the source and without, all else being the same.
 
+use std::slice;
+
 use rayon::prelude::*;
 use toml::Value;
 use trued::setup::{self, MachineFile};
 
-use machine::record::estimate::Estimate;
+use machine::record::estimate::{BudgetLine, Estimate};
 use testing::population::{is_full, ratio_bounds};
 
 use crate::ball_plate;
@@ -122,36 +124,44 @@ fn built_in(method: &str, text: &str, seed: u64, changes: &[(&'static str, Value
 }
 
 impl Case {
-    fn file(&self, seed: u64, source: &Source, size: f64) -> MachineFile {
-        let own = source.keys.iter().map(|key| (*key, Value::Float(size)));
+    /// With all `sources` at their sizes, or at nothing.
+    fn file(&self, seed: u64, sources: &[Source], is_on: bool) -> MachineFile {
+        let own = sources.iter().flat_map(|source| {
+            let size = Value::Float(if is_on { source.on } else { source.off });
+            source.keys.iter().map(move |key| (*key, size.clone()))
+        });
         // Rounding would not be the same with a source and without.
         let resolution = RESOLUTION.map(|key| (key, Value::Float(0.0)));
         let changes: Changes = own.chain(resolution).collect();
         (self.file)(seed, &changes)
     }
 
-    /// Of each parameter that has the line: seen over stated. The source is declared in either world.
-    fn ratios(&self, source: &Source, worlds: u64) -> Vec<(String, f64)> {
-        let declared = self.file(0, source, source.on);
+    /// Of each parameter that has the lines: seen over stated. The sources are declared in either world.
+    fn ratios(&self, sources: &[Source], worlds: u64) -> Vec<(String, f64)> {
+        let declared = self.file(0, sources, true);
         let (method, header) = setup::header(&declared, self.method, None).unwrap();
-        let estimate = |seed: u64, size: f64| {
-            let mut world = setup::world(&self.file(seed, source, size)).unwrap();
+        let estimate = |seed: u64, is_on: bool| {
+            let mut world = setup::world(&self.file(seed, sources, is_on)).unwrap();
             let header = header.clone();
             let played = plan_player::try_measure(&mut world, method.as_ref(), header, touch_alone);
             let (plan, readings) = played.unwrap();
             method.identify(&plan, &readings).unwrap()
         };
-        let pair = |seed: u64| [source.on, source.off].map(|size| estimate(seed, size));
+        let pair = |seed: u64| [true, false].map(|is_on| estimate(seed, is_on));
         let pairs: Vec<[Estimate; 2]> = (6000..6000 + worlds).into_par_iter().map(pair).collect();
         let mut ratios = Vec::new();
         for (number, parameter) in pairs[0][0].parameters.iter().enumerate() {
-            let line = parameter.budget.iter().find(|line| line.source == source.line);
-            let line = line.filter(|line| line.u > LEAST_PART * parameter.u);
-            let Some(line) = line.filter(|_| is_fixed(source, &parameter.symbol)) else { continue };
+            let is_own = |line: &&BudgetLine| sources.iter().any(|own| own.line == line.source);
+            let lines = parameter.budget.iter().filter(is_own);
+            let stated = lines.map(|line| line.u.powi(2)).sum::<f64>().sqrt();
+            let is_fixed = sources.iter().all(|source| is_fixed(source, &parameter.symbol));
+            if !is_fixed || stated <= LEAST_PART * parameter.u {
+                continue;
+            }
             let value = |estimate: &Estimate| estimate.parameters[number].value;
             let squares = pairs.iter().map(|[on, off]| (value(on) - value(off)).powi(2));
             let seen = (squares.sum::<f64>() / worlds as f64).sqrt();
-            ratios.push((parameter.symbol.clone(), seen / line.u));
+            ratios.push((parameter.symbol.clone(), seen / stated));
         }
         ratios
     }
@@ -164,6 +174,10 @@ fn is_fixed(source: &Source, symbol: &str) -> bool {
     !moves || symbol.starts_with('E') && !symbol.ends_with('S')
 }
 
+fn mean_square(ratios: &[(String, f64)]) -> f64 {
+    ratios.iter().map(|(_, ratio)| ratio * ratio).sum::<f64>() / ratios.len() as f64
+}
+
 #[test]
 fn each_source_scatters_as_its_line_of_the_budget_says() {
     let worlds = if is_full() { FULL } else { 8 };
@@ -171,14 +185,25 @@ fn each_source_scatters_as_its_line_of_the_budget_says() {
     let mut beyond = Vec::new();
     for case in &CASES {
         for source in case.sources {
-            let ratios = case.ratios(source, worlds);
-            let mean =
-                ratios.iter().map(|(_, ratio)| ratio * ratio).sum::<f64>() / ratios.len() as f64;
-            println!("{}, {}: {:.3} of {ratios:.2?}", case.method, source.line, mean.sqrt());
+            let ratios = case.ratios(slice::from_ref(source), worlds);
+            let mean = mean_square(&ratios).sqrt();
+            println!("{}, {}: {mean:.3} of {ratios:.2?}", case.method, source.line);
             let each = ratios.iter().filter(|_| is_full()).map(|(_, ratio)| *ratio);
-            let is_beyond = each.chain([mean.sqrt()]).any(|ratio| !(low..high).contains(&ratio));
+            let is_beyond = each.chain([mean]).any(|ratio| !(low..high).contains(&ratio));
             beyond.extend(is_beyond.then(|| format!("{}: {}", case.method, source.line)));
         }
     }
     assert!(beyond.is_empty(), "beyond [{low:.3}, {high:.3}]: {beyond:?}");
+}
+
+#[test]
+fn all_sources_together_scatter_as_the_sum_of_their_squares() {
+    let worlds = if is_full() { FULL } else { 4 };
+    let (low, high) = ratio_bounds(worlds, FULL, (0.9, 1.1));
+    for case in CASES.iter().filter(|case| case.sources.len() > 1) {
+        let ratios = case.ratios(case.sources, worlds);
+        let mean = mean_square(&ratios);
+        println!("{}: {mean:.3} of the sum of squares, {ratios:.2?}", case.method);
+        assert!((low..high).contains(&mean), "{}: {mean} beyond [{low}, {high}]", case.method);
+    }
 }
