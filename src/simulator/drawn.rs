@@ -10,6 +10,8 @@ use rand_distr::{Distribution, StandardNormal};
 use super::flank::FormHarmonic;
 use super::sensor_truth::Wave;
 use estimation::random;
+use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
+use machine::{Axis, Position};
 
 #[derive(Debug, Clone, Copy)]
 enum Source {
@@ -312,6 +314,40 @@ impl LinearErrors {
         let motions: Vector3<f64> = self.motions.iter().zip(command).map(of_axis).sum();
         let ([_, y, z], square) = (command, self.square);
         motions + Vector3::new(square.x * y + square.y * z, square.z * z, 0.0)
+    }
+}
+
+/// Rotations of X, Y and Z about each of X, Y and Z.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub(super) struct AngularErrors {
+    functions: Vec<(ErrorParameter, RandomFunction)>,
+}
+
+impl AngularErrors {
+    /// For each axis: standard deviation, rad, and correlation length, mm.
+    pub fn draw(seed: u64, axes: [[f64; 2]; 3]) -> Self {
+        let mut functions = Vec::new();
+        for (number, (axis, [sigma, length])) in Axis::LINEAR.into_iter().zip(axes).enumerate() {
+            for (about, component) in [Axis::A, Axis::B, Axis::C].into_iter().zip(3_u64..) {
+                let Ok(error) = ErrorParameter::new(about, axis, Shape::Location) else { continue };
+                let key = [number as u64, component];
+                functions.push((error, RandomFunction::draw(seed, &key, sigma, length)));
+            }
+        }
+        functions.retain(|(_, function)| !function.waves.is_empty());
+        Self { functions }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.functions.is_empty()
+    }
+
+    /// With the axes at these positions.
+    pub fn at(&self, axes: &Position) -> impl Iterator<Item = ErrorTerm> {
+        self.functions.iter().map(|(parameter, function)| ErrorTerm {
+            parameter: *parameter,
+            value: function.at(axes.at(parameter.axis())),
+        })
     }
 }
 

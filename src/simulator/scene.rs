@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::WorldError;
-use super::drawn::{self, Drift, LinearErrors, Lobing};
+use super::drawn::{self, AngularErrors, Drift, LinearErrors, Lobing};
 use super::rotary_errors::RotaryErrors;
 use super::sag::Sag;
 use super::sight::{Sight, Target};
@@ -23,6 +23,7 @@ pub(super) struct Scene {
     chain: Chain,
     errors: Vec<ErrorTerm>,
     linear_errors: LinearErrors,
+    angular_errors: AngularErrors,
     rotary_errors: Vec<RotaryErrors>,
     drift: Drift,
     /// Stylus-ball centre as stated, and as it is; spindle frame.
@@ -55,6 +56,10 @@ impl Scene {
         let linear_errors =
             LinearErrors::draw(seed, Axis::LINEAR.map(motions)).tabulated(Axis::LINEAR.map(travel));
         let linear_errors = linear_errors.askew(seed, machine.squareness_urad * 1e-6);
+        let angular = |axis| {
+            let spec = machine.axes.get(&axis);
+            spec.map_or([0.0, 1.0], |s| [s.angular_motion_urad * 1e-6, s.error_wavelength_mm])
+        };
         let turning = machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
         let rotary_errors: Result<_, WorldError> = turning
             .filter(|(_, spec)| spec.error_motion_um != 0.0)
@@ -78,6 +83,7 @@ impl Scene {
             chain,
             errors,
             linear_errors,
+            angular_errors: AngularErrors::draw(seed, Axis::LINEAR.map(angular)),
             rotary_errors,
             drift: Drift::draw(seed, machine.drift_um_per_h),
             tool,
@@ -195,17 +201,18 @@ impl Scene {
         Sight { stand, target, growth: self.drift.radius(t_s), t_s }
     }
 
-    /// What is stated, and what rotary axes have of error motions at this place.
+    /// What is stated, and what rotary axes have of error motions at this place, and linear ones of rotations.
     /// Without a time: without their asynchronous part.
     fn errors_at(&self, axes: &Position, t_s: Option<f64>) -> Cow<'_, [ErrorTerm]> {
-        if self.rotary_errors.is_empty() {
+        if self.rotary_errors.is_empty() && self.angular_errors.is_empty() {
             return Cow::Borrowed(&self.errors);
         }
         let drawn = self.rotary_errors.iter().flat_map(|errors| errors.at(axes));
         let at_time =
             |t_s| self.rotary_errors.iter().flat_map(move |e| e.asynchronous_at(axes, t_s));
         let rest = t_s.into_iter().flat_map(at_time);
-        self.errors.iter().copied().chain(drawn).chain(rest).collect()
+        let turned = self.angular_errors.at(axes);
+        self.errors.iter().copied().chain(drawn).chain(rest).chain(turned).collect()
     }
 
     /// Where the rotary axis stands in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at
@@ -213,7 +220,7 @@ impl Scene {
     /// place, with location errors, gains, drift and the errors of X, Y and Z where the axis is stated.
     /// NaN for an axis that does not carry the part.
     pub fn axis_position(&self, axis: Axis, along: f64, t_s: f64) -> [f64; 2] {
-        let lasting: Vec<ErrorTerm> = self
+        let mut lasting: Vec<ErrorTerm> = self
             .errors
             .iter()
             .filter(|term| matches!(term.parameter.shape(), Shape::Location | Shape::Gain))
@@ -227,6 +234,7 @@ impl Scene {
         let stated = self.chain.axis_line(axis, &Position::new());
         let across = stated.map_or(Vector3::zeros(), |line| line.point - w * line.point.dot(&w));
         let about = self.linear_axes(w * along + across);
+        lasting.extend(self.angular_errors.at(&Position::from_xyz(about)));
         let shift = self.linear_errors.at(about.into()) - self.drift.table(t_s);
         let moved = |at: Vector2<f64>| {
             let stylus = w * along + u * at.x + v * at.y;

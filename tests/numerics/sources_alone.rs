@@ -33,6 +33,8 @@ const fn source(line: &'static str, keys: &'static [&'static str], on: f64) -> S
 
 const LINEAR: [&str; 3] =
     ["axes.X.error_motion_um", "axes.Y.error_motion_um", "axes.Z.error_motion_um"];
+const ANGULAR: [&str; 3] =
+    ["axes.X.angular_motion_urad", "axes.Y.angular_motion_urad", "axes.Z.angular_motion_urad"];
 const RESOLUTION: [&str; 3] =
     ["axes.X.resolution_um", "axes.Y.resolution_um", "axes.Z.resolution_um"];
 const ROTARY: [&str; 2] = ["axes.B.error_motion_um", "axes.C.error_motion_um"];
@@ -50,6 +52,7 @@ const STYLUS: Source = source("stylus offset", &["probe.stylus_offset_um"], 1.0)
 const BACKLASH_OF_X: Source = source("backlash", &["axes.X.backlash_um"], 2.0);
 const BACKLASH_OF_Z: Source = source("backlash", &["axes.Z.backlash_um"], 2.0);
 const LINEAR_MOTIONS: Source = source("error motions of X, Y and Z", &LINEAR, 1.0);
+const ANGULAR_MOTIONS: Source = source("angular error motions of X, Y and Z", &ANGULAR, 5.0);
 const ROTARY_MOTIONS: Source = source("error motions of rotary axes", &ROTARY, 1.0);
 const DRIFT: Source = source("thermal drift", &["machine.drift_um_per_h"], 10.0);
 
@@ -93,7 +96,15 @@ const CASES: [Case; 5] = [
             let changes = [&small, changes].concat();
             built_in("samba", include_str!("../../config/samba.toml"), seed, &changes)
         },
-        sources: &[REPEATABILITY, LOBING, BACKLASH_OF_Z, LINEAR_MOTIONS, ROTARY_MOTIONS, DRIFT],
+        sources: &[
+            REPEATABILITY,
+            LOBING,
+            BACKLASH_OF_Z,
+            LINEAR_MOTIONS,
+            ANGULAR_MOTIONS,
+            ROTARY_MOTIONS,
+            DRIFT,
+        ],
     },
     Case {
         method: "ball-plate",
@@ -105,7 +116,7 @@ const CASES: [Case; 5] = [
         file: |seed, changes| {
             built_in("laser-r-test", include_str!("../../config/laser.toml"), seed, changes)
         },
-        sources: &[LINEAR_MOTIONS, ROTARY_MOTIONS, DRIFT],
+        sources: &[LINEAR_MOTIONS, ANGULAR_MOTIONS, ROTARY_MOTIONS, DRIFT],
     },
     Case {
         method: "r-test",

@@ -110,6 +110,10 @@ pub struct AxisSpec {
     /// Of a linear axis: lost motion at a reversal that the control does not compensate, standard uncertainty, um.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub backlash_um: f64,
+    /// Of a linear axis: standard deviation of how far it turns about each of X, Y and Z on its way (roll, pitch, yaw),
+    /// urad.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub angular_motion_urad: f64,
     /// Distance over which error motions of a linear axis change, mm.
     #[serde(default = "default_wavelength")]
     pub error_wavelength_mm: f64,

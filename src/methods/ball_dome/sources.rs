@@ -1,7 +1,9 @@
 //! Sources of uncertainty as changes of the observations of [`DomeModel`].
 
 use super::model::DomeModel;
-use crate::ball_measurement::{Observed, nonzero_runs, rotary_source, touch_sources};
+use crate::ball_measurement::{
+    Observed, angular_source, nonzero_runs, rotary_source, touch_sources,
+};
 use crate::identification::KnownErrors;
 use crate::identification::{
     InResiduals, ObservationModel as _, ObservationRun, UncertaintySource,
@@ -12,6 +14,7 @@ use machine::record::plan::Plan;
 /// Those of the readings alone: they give the weights.
 pub fn of_readings(plan: &Plan, chain: &Chain, observed: &Observed) -> Vec<UncertaintySource> {
     let mut sources = touch_sources(plan, observed);
+    sources.push(angular_source(plan, chain, observed));
     sources.push(rotary_source(plan, chain, observed));
     sources.retain(|source| source.draws() > 0);
     sources

@@ -33,7 +33,7 @@ pub use measurements::measurements;
 pub use observe::{BallCentre, Observed, observe, stated_balls};
 pub use order::{balls_in_order, in_order};
 pub use planned_ways::balls_by_planned_ways;
-pub use rotary::rotary_source;
+pub use rotary::{angular_source, rotary_source};
 pub use setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
 pub use sources::touch_sources;
 pub use stages::{machine_time_s, next};

@@ -1,11 +1,11 @@
-//! Declared error motions of rotary axes.
+//! Declared error motions that act through the kinematics: of rotary axes, and rotations of the linear ones.
 
 use nalgebra::{Matrix3, Vector3};
 
 use super::effects::{nonzero_columns, shifts};
 use super::observe::{BallCentre, Observed};
 use crate::identification::UncertaintySource;
-use crate::identification::declared::{MOTION_ORDERS, rotary_motions};
+use crate::identification::declared::{MOTION_ORDERS, angular_motion_patterns, rotary_motions};
 use machine::Position;
 use machine::frame::Point;
 use machine::kinematics::{Chain, ErrorParameter};
@@ -16,6 +16,41 @@ pub fn rotary_source(plan: &Plan, chain: &Chain, observed: &Observed) -> Uncerta
     let mut motions = rotary_motions(plan, &MOTION_ORDERS);
     motions.retain(|motion| chain.check(motion.error).is_ok());
     let errors: Vec<ErrorParameter> = motions.iter().map(|motion| motion.error).collect();
+    let by_error = displacements(plan, chain, observed, &errors);
+    let column = |index: usize| {
+        let mut of_centres = by_error.iter();
+        shifts(&observed.centres, |_| {
+            let of_centre = of_centres.next().map_or(Vector3::zeros(), |centre| centre[index]);
+            of_centre * motions[index].size_mm
+        })
+    };
+    let effect = nonzero_columns((0..motions.len()).map(column));
+    UncertaintySource::new("error motions of rotary axes", effect)
+}
+
+/// Rotations of X, Y and Z, each the same for all touches of a measurement. It may have no draw.
+pub fn angular_source(plan: &Plan, chain: &Chain, observed: &Observed) -> UncertaintySource {
+    let points: Vec<Vector3<f64>> = observed.centres.iter().map(|centre| centre.xyz).collect();
+    let patterns = angular_motion_patterns(plan, &points);
+    let errors: Vec<ErrorParameter> = patterns.iter().map(|(error, _)| *error).collect();
+    let by_error = displacements(plan, chain, observed, &errors);
+    let column = |index: usize| {
+        let mut of_centres = by_error.iter().zip(&patterns[index].1);
+        shifts(&observed.centres, |_| {
+            of_centres.next().map_or(Vector3::zeros(), |(centre, angle)| centre[index] * *angle)
+        })
+    };
+    let effect = nonzero_columns((0..patterns.len()).map(column));
+    UncertaintySource::new("angular error motions of X, Y and Z", effect)
+}
+
+/// Displacement of each measurement, axis positions, by a unit of each error.
+fn displacements(
+    plan: &Plan,
+    chain: &Chain,
+    observed: &Observed,
+    errors: &[ErrorParameter],
+) -> Vec<Vec<Vector3<f64>>> {
     let stylus = Point::from_vec(Vector3::from(plan.machine.tool_mm));
     // From the table frame to axis positions.
     let back = |place: &Position| {
@@ -25,16 +60,8 @@ pub fn rotary_source(plan: &Plan, chain: &Chain, observed: &Observed) -> Uncerta
     let back: Vec<Matrix3<f64>> = observed.places.iter().map(back).collect();
     let of_centre = |centre: &BallCentre| {
         let at = observed.places[centre.place].updated_by(&Position::from_xyz(centre.xyz));
-        chain.jacobian(&at, stylus, &[], &errors)
+        let columns = chain.jacobian(&at, stylus, &[], errors).into_iter();
+        columns.map(|along| back[centre.place] * along).collect()
     };
-    let derivatives: Vec<Vec<Vector3<f64>>> = observed.centres.iter().map(of_centre).collect();
-    let column = |index: usize| {
-        let mut derivatives = derivatives.iter();
-        shifts(&observed.centres, |centre| {
-            let along = derivatives.next().map_or(Vector3::zeros(), |of_centre| of_centre[index]);
-            back[centre.place] * along * motions[index].size_mm
-        })
-    };
-    let effect = nonzero_columns((0..motions.len()).map(column));
-    UncertaintySource::new("error motions of rotary axes", effect)
+    observed.centres.iter().map(of_centre).collect()
 }

@@ -3,14 +3,17 @@
 use machine::record::estimate::{BudgetLine, Estimate};
 
 /// Budget lines and the last part of the keys that state their sizes.
-const KEYS: [(&str, &str); 7] = [
+const KEYS: [(&str, &str); 10] = [
     ("resolution", "resolution_um"),
     ("resolution of the axes", "resolution_um"),
     ("probe lobing", "lobing_um"),
     ("stylus offset", "stylus_offset_um"),
     ("backlash", "backlash_um"),
+    ("angular error motions of X, Y and Z", "angular_motion_urad"),
     ("thermal drift", "drift_um_per_h"),
     ("squareness of X, Y and Z", "squareness_urad"),
+    ("temperature of the certified length", "u_temperature_k"),
+    ("temperature of the certified length", "expansion_um_per_m_k"),
 ];
 const LINEAR_MOTIONS: &str = "error motions of X, Y and Z";
 const MOTIONS: &str = "error motions of ";

@@ -157,6 +157,28 @@ pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f
     patterns
 }
 
+/// Angular error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): rotations about each of
+/// X, Y and Z that are smooth random functions of the position of the axis, rad by one draw, zero at zero.
+pub fn angular_motion_patterns(
+    plan: &Plan,
+    points: &[Vector3<f64>],
+) -> Vec<(ErrorParameter, Vec<f64>)> {
+    let mut patterns = Vec::new();
+    for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
+        let Some(spec) = plan.machine.axes.get(&axis) else { continue };
+        if spec.angular_motion_urad > 0.0 {
+            let positions: Vec<f64> = points.iter().map(|point| point[k].round()).collect();
+            let size = spec.angular_motion_urad * 1e-6;
+            let functions = smooth_function(&positions, size, spec.error_wavelength_mm);
+            for about in [Axis::A, Axis::B, Axis::C] {
+                let Ok(error) = ErrorParameter::new(about, axis, Shape::Location) else { continue };
+                patterns.extend(functions.iter().map(|function| (error, function.clone())));
+            }
+        }
+    }
+    patterns
+}
+
 /// Translational error motions of the rotary axes (ISO 230-7). `possible`: orders that count where an axis
 /// declares none. Order: axis; harmonic, cosine before sine; X, Y, Z.
 pub fn rotary_motions(plan: &Plan, possible: &[u32]) -> Vec<RotaryMotion> {

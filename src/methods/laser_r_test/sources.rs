@@ -6,15 +6,16 @@ mod outside;
 use nalgebra::Vector3;
 
 use super::bench::Bench;
-use super::group::{Grouped, noise_mm};
+use super::group::{Group, Grouped, noise_mm};
 use super::latency::Latency;
 use super::model::placed;
 use super::observe::Observed;
 use crate::identification::declared::{self, RotaryMotion};
 use crate::identification::{Effect, EvaluationType, InResiduals, Shape, UncertaintySource};
-use machine::frame::unit_vector;
+use machine::Position;
+use machine::frame::{Point, unit_vector};
+use machine::kinematics::ErrorParameter;
 use machine::record::plan::{Step, StepKind};
-use machine::{Position, frame::Point};
 
 /// The dwell points, at the fitted centres and beam.
 struct DwellPoints<'a> {
@@ -51,6 +52,7 @@ pub fn sources(
         points.linearity(),
         points.lobing(),
         points.linear_axes(),
+        points.angular_motions(x),
         points.rotary_axes(x),
         points.drift(),
         points.interruptions(&observed.stops),
@@ -121,6 +123,19 @@ impl DwellPoints<'_> {
         UncertaintySource::new("error motions of X, Y and Z", Effect::Joint(columns.collect()))
     }
 
+    /// The same for all dwell points of a pose: a sphere that turns about its centre looks as before.
+    fn angular_motions(&self, x: &[f64]) -> UncertaintySource {
+        let axes = |(i, group): (usize, &Group)| group.axes(self.grouped.centres.centre(x, i));
+        let points: Vec<Vector3<f64>> = self.grouped.groups.iter().enumerate().map(axes).collect();
+        let patterns = declared::angular_motion_patterns(self.bench.plan, &points);
+        let column = |(error, angles): &(ErrorParameter, Vec<f64>)| {
+            let shifts = self.by_error(x, *error).into_iter().zip(angles);
+            self.along_normals(&shifts.map(|(shift, angle)| shift * *angle).collect::<Vec<_>>())
+        };
+        let effect = Effect::Joint(patterns.iter().map(column).collect());
+        UncertaintySource::new("angular error motions of X, Y and Z", effect)
+    }
+
     fn rotary_axes(&self, x: &[f64]) -> UncertaintySource {
         let motions =
             declared::rotary_motions(self.bench.plan, &declared::MOTION_ORDERS).into_iter();
@@ -129,14 +144,23 @@ impl DwellPoints<'_> {
     }
 
     fn rotary_axis(&self, x: &[f64], motion: RotaryMotion) -> Vec<f64> {
+        let shifts = self.by_error(x, motion.error).into_iter();
+        self.along_normals(&shifts.map(|shift| shift * motion.size_mm).collect::<Vec<_>>())
+    }
+
+    /// Displacement of each pose by a unit of an error, machine frame.
+    fn by_error(&self, x: &[f64], error: ErrorParameter) -> Vec<Vector3<f64>> {
         let (chain, tip) = (&self.bench.chain, Point::from_vec(self.bench.zero()));
-        let groups = self.grouped.groups.iter().enumerate();
-        let shifts = groups.map(|(i, group)| {
+        let of_group = |(i, group): (usize, &Group)| {
             let at = placed(&group.rotary, group.axes(self.grouped.centres.centre(x, i)));
-            let column = chain.jacobian(&at, tip, &[], &[motion.error]);
-            group.table * column.first().copied().unwrap_or_default() * motion.size_mm
-        });
-        let shifts: Vec<Vector3<f64>> = shifts.collect();
+            let column = chain.jacobian(&at, tip, &[], &[error]);
+            group.table * column.first().copied().unwrap_or_default()
+        };
+        self.grouped.groups.iter().enumerate().map(of_group).collect()
+    }
+
+    /// `shifts`: one a pose.
+    fn along_normals(&self, shifts: &[Vector3<f64>]) -> Vec<f64> {
         let rows = self.grouped.centres.rows.iter().zip(&self.normals);
         rows.map(|(row, n)| n.dot(&shifts[row.group])).collect()
     }

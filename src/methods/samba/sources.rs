@@ -2,7 +2,9 @@
 //! mm), then each certified length (mm).
 
 use super::model::length_u_parts_mm;
-use crate::ball_measurement::{Observed, nonzero_runs, rotary_source, touch_sources};
+use crate::ball_measurement::{
+    Observed, angular_source, nonzero_runs, rotary_source, touch_sources,
+};
 use crate::identification::{InResiduals, ObservationRun, UncertaintySource};
 use machine::kinematics::Chain;
 use machine::record::artefact::Length;
@@ -20,7 +22,9 @@ pub fn sources(
 ) -> Vec<UncertaintySource> {
     let mut list = touch_sources(plan, observed);
     let rotary = rotary_source(plan, chain, observed);
-    list.insert(ROTARY_PLACE.min(list.len()), rotary);
+    let angular = angular_source(plan, chain, observed);
+    let place = ROTARY_PLACE.min(list.len());
+    list.splice(place..place, [angular, rotary]);
     list.extend(certificates(observed.centres.len(), lengths));
     list.retain(|source| source.draws() > 0);
     list

@@ -89,9 +89,9 @@ fn cold(solved: &GeometrySolution<'_>) -> Vec<String> {
         .filter(|length| length.expansion_um_per_m_k != 0.0 && length.temperature_c.is_none());
     let told = unknown.map(|length| {
         format!(
-            "the temperature of the certified length {}–{} is not stated: 20 °C is assumed, and each \
-             kelvin makes {:.1} µm/m of all gains",
-            length.from, length.to, length.expansion_um_per_m_k
+            "the temperature of the certified length {}–{} is not stated: 20 °C is assumed, to {} K (standard \
+             uncertainty), and each kelvin makes {:.1} µm/m of all gains",
+            length.from, length.to, length.u_temperature_k, length.expansion_um_per_m_k
         )
     });
     told.collect()

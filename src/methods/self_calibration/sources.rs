@@ -6,10 +6,12 @@ use super::model::{Layout, Observation};
 use super::observe::ObservedAxis;
 use super::settings::Spindle;
 use crate::identification::declared::{
-    RotaryMotion, drift_mm_per_s, half_backlash_mm, linear_motion_patterns, lobing_patterns,
-    repeatability_mm, resolution_mm, rotary_motions, stylus_offset_mm,
+    RotaryMotion, angular_motion_patterns, drift_mm_per_s, half_backlash_mm,
+    linear_motion_patterns, lobing_patterns, repeatability_mm, resolution_mm, rotary_motions,
+    stylus_offset_mm,
 };
 use crate::identification::{self, Effect, EvaluationType, InResiduals, UncertaintySource};
+use machine::Axis;
 use machine::kinematics::{ErrorParameter, Shape};
 use machine::record::plan::Plan;
 
@@ -38,6 +40,8 @@ pub fn sources(
             linear_axes(plan, seen, &normals, heights),
         ),
     ];
+    let angular = angular_motions(plan, seen, &normals, heights);
+    list.push(absent_in_residuals("angular error motions of X, Y and Z", angular));
     if layout.drift_order == 0 {
         let columns = drift(plan, seen, &normals, seconds_per_unit);
         list.push(absent_in_residuals("thermal drift", columns));
@@ -123,19 +127,45 @@ fn backlash(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
     [0, 1].map(|k| normals.iter().map(|n| -half[k] * n[k].abs()).collect()).into()
 }
 
-/// Positioning and straightness errors of X, Y and Z, along the ray. Those of Z count from the mean height, at which
-/// the location of the axis is reported.
+/// Of the touches from the axis at the mean height, at which its location is reported.
+fn points(seen: &[Observation], normals: &[Vector3<f64>], heights: &[f64]) -> Vec<Vector3<f64>> {
+    let mean = heights.iter().sum::<f64>() / heights.len() as f64;
+    let point = |(s, n): (&Observation, &Vector3<f64>)| {
+        n * s.radius + Vector3::z() * (heights[s.height] - mean)
+    };
+    seen.iter().zip(normals).map(point).collect()
+}
+
+/// Rotations of X, Y and Z about the mean height: at it they are in what is declared of straightness. A rotation about
+/// Z is across the ray.
+fn angular_motions(
+    plan: &Plan,
+    seen: &[Observation],
+    normals: &[Vector3<f64>],
+    heights: &[f64],
+) -> Vec<Vec<f64>> {
+    let points = points(seen, normals, heights);
+    let patterns = angular_motion_patterns(plan, &points);
+    let column = |(error, angles): &(ErrorParameter, Vec<f64>)| {
+        let about = match error.component() {
+            Axis::A => Vector3::x(),
+            Axis::B => Vector3::y(),
+            _ => Vector3::z(),
+        };
+        let along = points.iter().zip(normals).map(|(p, n)| about.cross(p).dot(n));
+        along.zip(angles).map(|(along, angle)| along * angle).collect()
+    };
+    patterns.iter().map(column).collect()
+}
+
+/// Positioning and straightness errors of X, Y and Z, along the ray. Those of Z count from the mean height.
 fn linear_axes(
     plan: &Plan,
     seen: &[Observation],
     normals: &[Vector3<f64>],
     heights: &[f64],
 ) -> Vec<Vec<f64>> {
-    let mean = heights.iter().sum::<f64>() / heights.len() as f64;
-    let point = |(s, n): (&Observation, &Vector3<f64>)| {
-        n * s.radius + Vector3::z() * (heights[s.height] - mean)
-    };
-    let points: Vec<Vector3<f64>> = seen.iter().zip(normals).map(point).collect();
+    let points = points(seen, normals, heights);
     let along_ray = |pattern: &[f64], k: usize| {
         pattern.iter().zip(normals).map(|(value, n)| -value * n[k]).collect::<Vec<f64>>()
     };

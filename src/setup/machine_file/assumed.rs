@@ -4,9 +4,11 @@
 use super::document::Document;
 use super::error::MachineFileError;
 use machine::Axis;
+use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 
 const LINEAR_MOTION_UM: f64 = 1.0;
+const ANGULAR_MOTION_URAD: f64 = 5.0;
 const ROTARY_MOTION_UM: f64 = 0.5;
 const BACKLASH_UM: f64 = 1.0;
 const RESOLUTION_UM: f64 = 1.0;
@@ -14,6 +16,9 @@ const LOBING_UM: f64 = 0.5;
 const STYLUS_OFFSET_UM: f64 = 0.8;
 const DRIFT_UM_PER_H: f64 = 5.0;
 const SQUARENESS_URAD: f64 = 10.0;
+/// Of a certified length without a thermometer, about 20 °C; steel where the file does not say what it is made of.
+const TEMPERATURE_K: f64 = 2.0;
+const EXPANSION_UM_PER_M_K: f64 = 11.5;
 
 /// Fills in what `[machine]`, `[axes]` and `[probe]` do not state. Returns the keys, e.g. `axes.X.backlash_um`.
 ///
@@ -41,6 +46,7 @@ pub fn fill(
         if axis.is_linear() {
             fill(&key("resolution_um"), &mut spec.resolution_um, RESOLUTION_UM)?;
             fill(&key("error_motion_um"), &mut spec.error_motion_um, LINEAR_MOTION_UM)?;
+            fill(&key("angular_motion_urad"), &mut spec.angular_motion_urad, ANGULAR_MOTION_URAD)?;
             fill(&key("backlash_um"), &mut spec.backlash_um, BACKLASH_UM)?;
         } else if *axis != Axis::S {
             fill(&key("error_motion_um"), &mut spec.error_motion_um, ROTARY_MOTION_UM)?;
@@ -51,10 +57,27 @@ pub fn fill(
     Ok(assumed)
 }
 
+/// The same of the certified lengths of `artefact` whose temperature is not stated, in `assumed`.
+pub fn fill_lengths(artefact: &mut Artefact, assumed: &mut Vec<String>) {
+    let Artefact::Balls(balls) = artefact else { return };
+    for length in balls.lengths.iter_mut().filter(|length| length.temperature_c.is_none()) {
+        let mut fill = |key: &str, value: &mut f64, size: f64| {
+            if *value == 0.0 {
+                *value = size;
+                assumed.push(format!("artefact.lengths.{key}"));
+            }
+        };
+        fill("u_temperature_k", &mut length.u_temperature_k, TEMPERATURE_K);
+        fill("expansion_um_per_m_k", &mut length.expansion_um_per_m_k, EXPANSION_UM_PER_M_K);
+    }
+    assumed.dedup();
+}
+
 #[cfg(test)]
 mod tests {
     use crate::setup::machine_file::MachineFile;
     use machine::Axis;
+    use machine::record::artefact::Artefact;
 
     const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
     const DOCUMENT: &str = include_str!("../../../docs/uncertainty.md");
@@ -68,8 +91,14 @@ mod tests {
 
     #[test]
     fn what_the_file_does_not_state_is_as_documented_and_named() {
-        let keys =
-            ["error_motion_um", "backlash_um", "resolution_um", "lobing_um", "drift_um_per_h"];
+        let keys = [
+            "error_motion_um",
+            "angular_motion_urad",
+            "backlash_um",
+            "resolution_um",
+            "lobing_um",
+            "drift_um_per_h",
+        ];
         let is_taken_out = |line: &&str| !keys.iter().any(|key| line.starts_with(key));
         let text: String =
             EMBEDDED.lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
@@ -78,6 +107,7 @@ mod tests {
         let sizes = [
             ("[axes.X] resolution_um", x.resolution_um),
             ("[axes.X] error_motion_um", x.error_motion_um),
+            ("[axes.X] angular_motion_urad", x.angular_motion_urad),
             ("[axes.X] backlash_um", x.backlash_um),
             ("[axes.C] error_motion_um", c.error_motion_um),
             ("[probe] lobing_um", file.probe.lobing_um),
@@ -86,12 +116,30 @@ mod tests {
         for (key, size) in sizes {
             assert_eq!(size, documented(key), "{key}");
         }
-        // Three of each linear axis, one of each rotary axis, drift and lobing.
-        assert_eq!(file.assumed.len(), 3 * 3 + 2 + 2, "{:?}", file.assumed);
+        // Four of each linear axis, one of each rotary axis, drift and lobing.
+        assert_eq!(file.assumed.len(), 3 * 4 + 2 + 2, "{:?}", file.assumed);
         assert!(file.assumed.contains(&"axes.B.error_motion_um".to_owned()));
         // Stated: also where it is 0.
         assert_eq!((file.machine.squareness_urad, file.probe.stylus_offset_um), (0.0, 0.3));
         assert_eq!(c.backlash_um, 0.0);
+    }
+
+    #[test]
+    fn a_certified_length_without_a_temperature_is_not_at_20_degrees() {
+        const SAMBA: &str = include_str!("../../../config/samba.toml");
+        let keys = ["temperature_c", "u_temperature_k"];
+        let is_taken_out = |line: &&str| !keys.iter().any(|key| line.starts_with(key));
+        let text: String =
+            SAMBA.lines().filter(is_taken_out).map(|line| format!("{line}\n")).collect();
+        let file = MachineFile::parse("shop.toml", text).unwrap();
+        let Artefact::Balls(balls) = &file.artefact else { panic!("balls") };
+        assert_eq!(file.assumed, ["artefact.lengths.u_temperature_k"]);
+        let length = &balls.lengths[0];
+        assert_eq!(length.u_temperature_k, documented("[[artefact.lengths]] u_temperature_k"));
+        // As stated.
+        assert_eq!(length.expansion_um_per_m_k, 1.2);
+        let expansion = documented("[[artefact.lengths]] expansion_um_per_m_k");
+        assert_eq!(expansion, super::EXPANSION_UM_PER_M_K);
     }
 
     #[test]

@@ -192,6 +192,7 @@ impl Check<'_> {
         let has_no_orders = turns || spec.error_motion_orders.is_empty();
         self.that(has_no_orders, &key("error_motion_orders"), "belongs to A, B or C: remove it")?;
         self.not_negative(&key("backlash_um"), spec.backlash_um)?;
+        self.not_negative(&key("angular_motion_urad"), spec.angular_motion_urad)?;
         let has_no_backlash = axis.is_linear() || spec.backlash_um == 0.0;
         self.that(has_no_backlash, &key("backlash_um"), "belongs to X, Y or Z: remove it")?;
         let homes = turns || spec.homing == Homing::Switch;

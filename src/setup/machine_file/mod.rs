@@ -115,7 +115,7 @@ impl MachineFile {
         let mut machine = machine(&document)?;
         let mut probe = document.required(&["probe"])?;
         check::probe(&document, &probe)?;
-        let assumed = assumed::fill(&document, &mut machine, &mut probe)?;
+        let mut assumed = assumed::fill(&document, &mut machine, &mut probe)?;
         let sensors: Vec<SensorEntry> =
             document.section(&["sensor"], Deserialize::deserialize)?.unwrap_or_default();
         check::alone(&document, "sensor", sensors.iter().map(|entry| &entry.sensor.name))?;
@@ -130,8 +130,9 @@ impl MachineFile {
         let solids: Vec<Solid> =
             document.section(&["solid"], Deserialize::deserialize)?.unwrap_or_default();
         check::solids(&document, &solids, &machine)?;
-        let artefact = artefact::read(&document, beside)?;
+        let mut artefact = artefact::read(&document, beside)?;
         check::artefact(&document, &artefact)?;
+        assumed::fill_lengths(&mut artefact, &mut assumed);
         let prompts = prompt::read(&document, &machine)?;
         let controller = controller::read(&document)?;
         let tolerance = tolerance::read(&document)?;
