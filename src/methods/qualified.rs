@@ -16,15 +16,19 @@ impl Method for Qualified {
         self.0.settings()
     }
 
-    /// A map holds for an oriented spindle: one that could be turned and is left as it is goes to 0°.
+    /// A map holds for an oriented spindle: one that could be turned and is left as it is goes to 0°, or as near as it comes.
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused> {
         let mut next = self.0.next(plan, done, readings)?;
         if let Next::Stage { new_steps, .. } = &mut next
-            && plan.machine.axes.contains_key(&Axis::S)
-            && ProbeMap::of(&plan.priors)?.is_some()
+            && let Some(spec) = plan.machine.axes.get(&Axis::S)
+            && ProbeMap::of(plan)?.is_some()
         {
+            let degrees = spec.nearest_zero();
             let left = |step: &&mut Step| is_touch(step) && step.from.get(Axis::S).is_none();
-            new_steps.iter_mut().filter(left).for_each(|step| step.from.set(Axis::S, 0.0));
+            new_steps
+                .iter_mut()
+                .filter(left)
+                .for_each(|step| step.from.set(Axis::S, Axis::S.from_edge(degrees)));
         }
         Ok(next)
     }
@@ -38,7 +42,7 @@ impl Method for Qualified {
     }
 
     fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
-        let has_map = ProbeMap::of(&plan.priors)?.is_some();
+        let has_map = ProbeMap::of(plan)?.is_some();
         Refused::unless(
             !has_map || self.takes_probe_map(),
             "this method does not take off the pre-travel of a qualified probe",
@@ -48,14 +52,22 @@ impl Method for Qualified {
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
-        self.0.forecast(plan, machine_s)
+        let mut lines = self.0.forecast(plan, machine_s)?;
+        let asks = plan.probe.qualified_within_days.is_some() && self.takes_probe_map();
+        if asks && ProbeMap::of(plan)?.is_none() {
+            lines.push(
+                "the run takes the newest qualification of the probe (qualified_within_days), which is not counted here"
+                    .to_owned(),
+            );
+        }
+        Ok(lines)
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         self.check_priors(plan)?;
         let readings = without_pre_travel(plan, readings)?;
         let mut estimate = self.0.identify(plan, &readings)?;
-        estimate.gauge.extend(ProbeMap::of(&plan.priors)?.map(|map| map.in_words()));
+        estimate.gauge.extend(ProbeMap::of(plan)?.map(|map| map.in_words()));
         Ok(estimate)
     }
 }

@@ -166,9 +166,9 @@ pub fn identified(
     Ok(estimate)
 }
 
-/// Of the probe of the plan. `None`: it has no JSON.
+/// Of the probe of the plan and where its stylus is. `None`: it has no JSON.
 pub fn probe_sha256(plan: &Plan) -> Option<String> {
-    sha256(&plan.probe.identity()).ok()
+    sha256(&(plan.probe.identity(), plan.machine.tool_mm)).ok()
 }
 
 /// When the run began that it is of.

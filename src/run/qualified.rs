@@ -21,9 +21,11 @@ pub enum Unqualified {
         "the qualification of the probe is {days:.1} days old, more than qualified_within_days = {most}"
     )]
     Old { days: f64, most: f64 },
-    #[error("the qualification of the probe does not say when it was measured")]
+    #[error("the qualification of the probe does not state when it was measured")]
     Undated,
-    #[error("the qualification is of another probe than [probe] describes now")]
+    #[error(
+        "the qualification is of another probe, stylus or machine than [probe], tool_mm and name describe now"
+    )]
     OtherProbe,
     #[error(transparent)]
     Map(#[from] methods::Refused),
@@ -77,10 +79,12 @@ pub fn qualified(
 /// A qualification among the priors is of the plan's own probe.
 ///
 /// # Errors
-/// It is not, or does not say of which.
+/// It is not, or does not state of which.
 pub fn check_probe(plan: &Plan) -> Result<(), Unqualified> {
     let own = probe_sha256(plan);
-    let is_own = |provenance: &Provenance| Some(&provenance.probe_sha256) == own.as_ref();
+    let is_own = |provenance: &Provenance| {
+        Some(&provenance.probe_sha256) == own.as_ref() && provenance.machine == plan.machine.name
+    };
     let mut maps = plan.priors.iter().filter(|prior| prior.method == METHOD);
     match maps.all(|prior| prior.provenance.as_ref().is_some_and(is_own)) {
         true => Ok(()),
@@ -135,6 +139,7 @@ mod tests {
         let now = Timestamp::now();
         let ask = |plan: &Plan, now| qualified(method().as_ref(), plan.clone(), &journal, now);
         assert_eq!(ask(&plan, now).unwrap().priors, []);
+        plan.probe.lobing_um = 0.5;
         plan.probe.qualified_within_days = Some(30.0);
         assert!(matches!(ask(&plan, now), Err(Unqualified::Never)));
 

@@ -68,9 +68,7 @@ impl Machine {
     /// All rotary axes at zero, or as near as they come; the spindle keeps the orientation it has.
     pub fn rotary_at_zero(&self) -> Position {
         let rotary = self.axes.iter().filter(|(axis, _)| !axis.is_linear() && **axis != Axis::S);
-        rotary
-            .map(|(axis, spec)| (*axis, axis.from_edge(0.0_f64.max(spec.min).min(spec.max))))
-            .collect()
+        rotary.map(|(axis, spec)| (*axis, axis.from_edge(spec.nearest_zero()))).collect()
     }
 }
 
@@ -123,6 +121,11 @@ pub struct AxisSpec {
 }
 
 impl AxisSpec {
+    /// Zero, or the limit nearest to it, mm or degrees.
+    pub fn nearest_zero(&self) -> f64 {
+        0.0_f64.max(self.min).min(self.max)
+    }
+
     /// First and last multiple of `step` within the limits.
     pub fn multiples_within(&self, step: f64) -> [i64; 2] {
         [(self.min / step - 1e-9).ceil() as i64, (self.max / step + 1e-9).floor() as i64]
@@ -225,8 +228,8 @@ pub struct Probe {
 }
 
 impl Probe {
-    /// What it is, without what is declared of its uncertainty and of the control's words for it: a probe qualification
-    /// holds for a probe that is the same in this.
+    /// What it is and how it touches, without what is declared of its uncertainty, how far and how fast it may go besides,
+    /// and the control's words for it: a probe qualification holds for a probe that is the same in this.
     pub fn identity(&self) -> Self {
         Self {
             repeatability_um: None,
@@ -234,6 +237,9 @@ impl Probe {
             lobing_orders: Vec::new(),
             stylus_offset_um: 0.0,
             qualified_within_days: None,
+            overtravel_mm: 0.0,
+            search_feed_mm_min: 0.0,
+            guarded_feed_mm_min: 0.0,
             on: None,
             off: None,
             live_check: LiveCheck::default(),

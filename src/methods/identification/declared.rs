@@ -86,7 +86,7 @@ pub fn half_backlash_mm(plan: &Plan) -> Vector3<f64> {
 pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
     let (total_mm, orders) = (plan.probe.lobing_um * 1e-3, &plan.probe.lobing_orders);
     // A map that cannot be taken is refused before.
-    match ProbeMap::of(&plan.priors) {
+    match ProbeMap::of(plan) {
         Ok(Some(map)) => map.patterns(total_mm, orders, normals),
         _ => azimuth_patterns(total_mm, orders, normals, |_| true),
     }
@@ -94,8 +94,8 @@ pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
 
 /// Standard uncertainty of the stated stylus offset in each of X and Y, mm; of a probe whose offset is qualified 0.
 pub fn stylus_offset_mm(plan: &Plan) -> f64 {
-    match ProbeMap::of(&plan.priors) {
-        Ok(Some(map)) if map.has_offset() => 0.0,
+    match ProbeMap::of(plan) {
+        Ok(Some(map)) if map.knows(1) => 0.0,
         _ => plan.probe.stylus_offset_um * 1e-3,
     }
 }

@@ -6,12 +6,13 @@ use std::borrow::Cow;
 use estimation::linear::lower_root;
 use nalgebra::Vector3;
 
-use super::azimuth::{azimuth_factor, azimuth_patterns};
+use super::azimuth::{LOBING_ORDERS, azimuth_factor, azimuth_patterns, size_by_order};
 use super::source::prior_covariance;
 use crate::{IdentifyError, Refused};
 use machine::Axis;
 use machine::kinematics::Chain;
 use machine::record::estimate::{Estimate, Verdict};
+use machine::record::machine::Probe;
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::record::reading::Reading;
 
@@ -59,8 +60,8 @@ impl<'a> ProbeMap<'a> {
     ///
     /// # Errors
     /// More than one; one whose own fit contradicts its model, or without covariance.
-    pub fn of(priors: &'a [Estimate]) -> Result<Option<Self>, Refused> {
-        let mut maps = priors.iter().filter(|prior| prior.method == METHOD);
+    pub fn of(plan: &'a Plan) -> Result<Option<Self>, Refused> {
+        let mut maps = plan.priors.iter().filter(|prior| prior.method == METHOD);
         let (prior, again) = (maps.next(), maps.next());
         Refused::unless(
             again.is_none(),
@@ -70,16 +71,19 @@ impl<'a> ProbeMap<'a> {
         let Some(prior) = prior else { return Ok(None) };
         Refused::unless(
             prior.verdict != Verdict::UndecidedModel,
-            "the qualification of the probe contradicts its own model",
-            "look at its warnings and qualify the probe again",
+            "the readings of the probe qualification contradict its model",
+            "read its warnings and qualify the probe again",
         )?;
-        let map = Self { prior, parts: parts(prior) };
+        let mut parts = parts(prior);
+        // It would make worse what is declared better.
+        parts.retain(|part| declared_mm(&plan.probe, part.order).is_none_or(|mm| part.u_mm <= mm));
+        let map = Self { prior, parts };
         let known: Vec<&str> = map.known().map(|part| part.symbol.as_str()).collect();
         Refused::unless(
-            !map.parts.is_empty() && prior_covariance(prior, &known).is_some(),
-            "the qualification of the probe has no map with a covariance",
+            map.known().next().is_some() && prior_covariance(prior, &known).is_some(),
+            "the qualification of the probe has no order of the map that is known better than [probe] declares",
             "state form_um of [method.probe-qualification] from the ball's certificate, or turn the spindle, and \
-             qualify the probe again",
+             qualify the probe again; or leave the qualification out (--with)",
         )?;
         Ok(Some(map))
     }
@@ -88,9 +92,9 @@ impl<'a> ProbeMap<'a> {
         self.parts.iter().filter(|part| part.is_known)
     }
 
-    /// Whether the stylus offset is in it.
-    pub fn has_offset(&self) -> bool {
-        self.known().any(|part| part.order == 1)
+    /// Whether it takes this order off; the first has the stylus offset in it.
+    pub fn knows(&self, order: u32) -> bool {
+        self.known().any(|part| part.order == order)
     }
 
     /// How far too far out a touch along the outward unit `normal` (spindle frame) is read, mm.
@@ -148,6 +152,15 @@ impl<'a> ProbeMap<'a> {
     }
 }
 
+/// Standard deviation that `[probe]` declares of an order. `None`: nothing of this order.
+fn declared_mm(probe: &Probe, order: u32) -> Option<f64> {
+    if order == 1 {
+        return Some(probe.stylus_offset_um * 1e-3);
+    }
+    let sizes = size_by_order(probe.lobing_um * 1e-3, &probe.lobing_orders, &LOBING_ORDERS);
+    sizes.into_iter().find(|(of, _)| *of == order).map(|(_, mm)| mm)
+}
+
 fn parts(prior: &Estimate) -> Vec<Part> {
     let mut parts = Vec::new();
     for order in 1..=HIGHEST {
@@ -181,7 +194,7 @@ pub fn without_pre_travel<'r>(
     plan: &Plan,
     readings: &'r [Reading],
 ) -> Result<Cow<'r, [Reading]>, IdentifyError> {
-    let Some(map) = ProbeMap::of(&plan.priors)? else { return Ok(Cow::Borrowed(readings)) };
+    let Some(map) = ProbeMap::of(plan)? else { return Ok(Cow::Borrowed(readings)) };
     let chain = Chain::new(&plan.machine).map_err(Refused::from)?;
     let mut readings = readings.to_vec();
     for reading in &mut readings {
@@ -192,7 +205,10 @@ pub fn without_pre_travel<'r>(
         let at = step.from.updated_by(&reading.position);
         let normal = Vector3::from(step.normal);
         let in_spindle = chain.machine_from_spindle(&at, &[]).rotation.inverse() * normal;
-        let off = normal * map.at(&in_spindle);
+        // Axes that stand on a rotary one go other ways.
+        let axes_from_table = chain.linear_inverse(&at, &[]).map_err(Refused::from)?;
+        let table = chain.machine_from_table(&at, &[]).rotation;
+        let off = axes_from_table * (table.inverse() * normal) * map.at(&in_spindle);
         for (axis, off) in Axis::LINEAR.into_iter().zip(off.iter()) {
             if let Some(value) = reading.position.get(axis) {
                 reading.position.set(axis, value - off);

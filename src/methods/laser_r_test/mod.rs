@@ -85,7 +85,7 @@ impl Method for LaserRTest {
     }
 
     fn takes_probe_map(&self) -> bool {
-        true
+        self.settings.by == By::Probe
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {

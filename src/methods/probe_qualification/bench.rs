@@ -40,6 +40,7 @@ impl<'a> Bench<'a> {
         let rotary = plan.machine.rotary_at_zero();
         let bench = Self { plan, settings, chain: Chain::new(&plan.machine)?, balls, rotary };
         settings.check_azimuths(bench.last_order())?;
+        settings.check_length(plan.probe.stylus_offset_um * 1e-3)?;
         let (slow, fast) = (plan.probe.feed_mm_min, bench.fast_mm_min());
         Refused::unless(
             fast > slow && fast <= plan.probe.search_feed_mm_min,
@@ -71,13 +72,18 @@ impl<'a> Bench<'a> {
     /// Of the spindle; 0 alone where it is no axis.
     pub fn orientations_deg(&self) -> Vec<f64> {
         let Some(spec) = self.plan.machine.axes.get(&Axis::S) else { return vec![0.0] };
+        let named = self.settings.spindle_deg.clone().filter(|degrees| !degrees.is_empty());
         let within = |degrees: &f64| (spec.min..=spec.max).contains(degrees);
-        let usual = || QUARTERS_DEG.into_iter().filter(within).collect();
-        self.settings
-            .spindle_deg
-            .clone()
-            .filter(|degrees| !degrees.is_empty())
-            .unwrap_or_else(usual)
+        let usual: Vec<f64> = QUARTERS_DEG.into_iter().filter(within).collect();
+        named.unwrap_or(if usual.is_empty() { vec![spec.nearest_zero()] } else { usual })
+    }
+
+    /// Number of the orientation in which the spindle stands.
+    pub fn orientation_of(&self, at: &Position) -> usize {
+        let degrees = Axis::S.to_edge(at.at(Axis::S));
+        let off = |orientation: &f64| (orientation - degrees).abs();
+        let all = self.orientations_deg().into_iter().enumerate();
+        all.min_by(|(_, a), (_, b)| off(a).total_cmp(&off(b))).map_or(0, |(number, _)| number)
     }
 
     /// All rotary axes, with the spindle in its orientation number `index`.

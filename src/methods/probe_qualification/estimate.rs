@@ -6,6 +6,7 @@ use super::observe::Observed;
 use super::sources::Scatter;
 use crate::identification::probe_map::symbols;
 use crate::identification::{MisfitAdvice, reported_parameter};
+use estimation::coverage::chi_square_bounds;
 use machine::record::estimate::{Estimate, FigureKind, Function, Parameter, Unit};
 
 /// Of one touch, from its repeats.
@@ -32,9 +33,8 @@ pub fn estimate(bench: &Bench<'_>, observed: &Observed, fitted: &Fitted) -> Esti
     estimate.functions.push(by_direction(bench, observed, fitted));
     Estimate {
         gauge: vec![
-            "map: how much farther out than the mean the stylus centre stands in contact, over the azimuth of the \
-             contact in the frame of the spindle, at right angles to the spindle; it fades with the sine of the angle \
-             to the spindle"
+            "E_probe: radial deviation of the stylus centre at contact, positive outward, over the azimuth of the contact \
+             in the frame of the spindle; at other angles to the spindle it is multiplied by the sine of that angle"
                 .to_owned(),
             "r_stylus: less the stated radii of ball and stylus ball; the certificate of the ball's diameter is not \
              in its uncertainty"
@@ -51,10 +51,9 @@ pub fn estimate(bench: &Bench<'_>, observed: &Observed, fitted: &Fitted) -> Esti
     }
 }
 
-fn repeatability(Scatter { s_mm, dof }: Scatter) -> Parameter {
-    // GUM E.4.3.
-    let u_mm = s_mm / (2.0 * dof as f64).sqrt();
-    reported_parameter(REPEATABILITY, Unit::Um, s_mm, u_mm, Some(dof as f64))
+fn repeatability(scatter: Scatter) -> Parameter {
+    let [s_mm, u_mm] = scatter.without_rounding();
+    reported_parameter(REPEATABILITY, Unit::Um, s_mm, u_mm, Some(scatter.dof as f64))
 }
 
 /// Standard deviation of one slow touch in each direction of the circle, pooled over the orientations.
@@ -77,16 +76,21 @@ fn by_direction(bench: &Bench<'_>, observed: &Observed, fitted: &Fitted) -> Func
             groups[direction].push(touch.group);
         }
     }
-    let dof = |k: usize| (touches[k] - groups[k].len() as f64).max(1.0);
-    let s_um: Vec<f64> = (0..count).map(|k| (squares[k] / dof(k)).sqrt() * 1e3).collect();
+    let of_direction = |k: usize| {
+        let dof = (touches[k] - groups[k].len() as f64).max(1.0);
+        let scatter =
+            Scatter { s_mm: (squares[k] / dof).sqrt(), dof: dof as usize, ..fitted.scatter };
+        scatter.without_rounding().map(|mm| mm * 1e3)
+    };
+    let (y, u) = (0..count).map(of_direction).map(|[s, u]| (s, u)).unzip();
     Function {
         symbol: REPEATABILITY.to_owned(),
         argument: "azimuth".to_owned(),
         argument_unit: "deg".to_owned(),
         x: (0..count).map(|k| k as f64 * pitch).collect(),
         unit: Unit::Um,
-        u: s_um.iter().enumerate().map(|(k, s)| s / (2.0 * dof(k)).sqrt()).collect(),
-        y: s_um,
+        u,
+        y,
         figure: FigureKind::Curve,
         at_mm: None,
     }
@@ -97,14 +101,14 @@ fn cannot_know(bench: &Bench<'_>, fitted: &Fitted) -> Vec<String> {
     let mut lines = Vec::new();
     if !layout.separates(1) {
         lines.push(
-            "first order of the map and stylus offset: they are the centre of the ball, as the spindle was not turned"
+            "order 1 of the map and stylus offset: inseparable from the centre of the ball, as the spindle was not turned"
                 .to_owned(),
         );
     }
     if !layout.separates(2) {
         lines.push(
-            "second order of the map: squareness and scale difference of X and Y, and their backlash, look alike. It is \
-             carried as an uncertainty of later runs, not taken off"
+            "order 2 of the map: inseparable from squareness, scale difference and backlash of X and Y. Later runs do not \
+             take it off; its size is in their uncertainty"
                 .to_owned(),
         );
     }
@@ -114,35 +118,40 @@ fn cannot_know(bench: &Bench<'_>, fitted: &Fitted) -> Vec<String> {
         let orders = higher.join(", ");
         lines.push(match bench.settings.form_um {
             Some(form_um) => format!(
-                "orders {orders} of the map and the form of the ball: told apart to its certified {form_um} µm alone"
+                "map at order {orders}: inseparable from the form of the ball, which is certified to {form_um} µm"
             ),
             None => format!(
-                "orders {orders} of the map and the form of the ball look alike, and no form_um is certified: later runs \
-                 do not take these orders off"
+                "map at order {orders}: inseparable from the form of the ball, of which no form_um is certified; later runs \
+                 do not take it off"
             ),
         });
     }
     let last = bench.last_order();
     lines.push(format!(
-        "orders above {last}: order k is not told from {} - k",
+        "orders above {last}: order k is aliased with order {} - k",
         bench.settings.azimuths
     ));
     lines.extend(fitted.identified.checked.limits());
     lines
 }
 
-/// Scatter beyond so many times the declared one is told.
-const MORE_THAN_DECLARED: f64 = 1.5;
+/// Touches scatter beyond the declared bound of sound ones with half the complement of this probability.
+const DECLARED: f64 = 0.998;
 
 fn warnings(bench: &Bench<'_>, fitted: &Fitted) -> Vec<String> {
     let mut lines = Vec::new();
-    let s_um = fitted.scatter.s_mm * 1e3;
-    let declared = bench.plan.probe.repeatability_um;
-    if let Some(declared) = declared.filter(|um| s_um > MORE_THAN_DECLARED * um) {
-        lines.push(format!(
-            "touches repeat to {s_um:.2} µm, worse than the declared repeatability_um = {declared}: state what was \
-             measured, or look for a loose stylus"
-        ));
+    let Scatter { s_mm, dof, step_mm } = fitted.scatter;
+    if let Some(declared) = bench.plan.probe.repeatability_um {
+        let expected = (declared * 1e-3).powi(2) + step_mm.powi(2) / 12.0;
+        let chi2 = dof as f64 * s_mm.powi(2) / expected;
+        let bounds = chi_square_bounds(dof as f64, DECLARED);
+        lines.extend(bounds.filter(|(_, most)| chi2 > *most).map(|_| {
+            format!(
+                "touches repeat to {:.2} µm, worse than the declared repeatability_um = {declared}: declare what was \
+                 measured, or check the stylus and the ball",
+                fitted.scatter.without_rounding()[0] * 1e3
+            )
+        }));
     }
     lines.extend(fitted.identified.misfit_warning(&MISFIT_ADVICE));
     lines.extend(fitted.identified.checked.warnings.iter().cloned());

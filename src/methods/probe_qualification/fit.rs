@@ -31,10 +31,11 @@ pub fn fit(bench: &Bench<'_>, observed: &Observed) -> Result<Fitted, IdentifyErr
     let equal = solve(observed, &layout, &a, 1e-3)?;
     let within_mm = within_groups(observed, &equal.residuals);
     let scatter = scatter(bench, observed, &within_mm)?;
-    let solution = solve(observed, &layout, &a, scatter.s_mm)?;
-    let sigma = vec![scatter.s_mm; observed.touches.len()];
-    let weighted: Vec<f64> = solution.residuals.iter().map(|mm| mm / scatter.s_mm).collect();
-    let measurements = measurements(observed, &solution.residuals, scatter.s_mm);
+    let u_mm = scatter.u_mm();
+    let solution = solve(observed, &layout, &a, u_mm)?;
+    let sigma = vec![u_mm; observed.touches.len()];
+    let weighted: Vec<f64> = solution.residuals.iter().map(|mm| mm / u_mm).collect();
+    let measurements = measurements(observed, &solution.residuals, u_mm);
     let solved = Solution {
         model: &LinearFit { x: &solution.x, a: &a, sigma: &sigma, gain: &solution.gain },
         residuals: &weighted,
@@ -84,7 +85,7 @@ fn within_groups(observed: &Observed, residuals: &[f64]) -> Vec<f64> {
     touches.map(|(touch, residual)| residual - mean(touch.group)).collect()
 }
 
-/// Pooled; never less than the display's step lets one see.
+/// Pooled over all directions.
 fn scatter(
     bench: &Bench<'_>,
     observed: &Observed,
@@ -92,11 +93,12 @@ fn scatter(
 ) -> Result<Scatter, IdentifyError> {
     let dof = within_mm.len() - observed.groups();
     let squares: f64 = within_mm.iter().map(|mm| mm * mm).sum();
-    let axes = bench.plan.machine.axes.values();
-    let step_um = axes.map(|spec| spec.resolution_um).fold(0.0, f64::max);
-    let s_mm = (squares / dof.max(1) as f64).sqrt().max(step_um * 1e-3 / 12f64.sqrt());
-    if dof > 0 && s_mm > 0.0 {
-        return Ok(Scatter { s_mm, dof });
+    let axes = bench.plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
+    let step_um = axes.map(|(_, spec)| spec.resolution_um).fold(0.0, f64::max);
+    let s_mm = (squares / dof.max(1) as f64).sqrt();
+    let scatter = Scatter { s_mm, dof, step_mm: step_um * 1e-3 };
+    if dof > 0 && scatter.u_mm() > 0.0 {
+        return Ok(scatter);
     }
     Err(Refused::new(
         "the touches of a direction do not scatter at all, or none was repeated",

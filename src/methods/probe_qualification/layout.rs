@@ -124,12 +124,15 @@ impl Layout {
     }
 }
 
+/// Degrees of its phase; less separates an order in name only.
+const LEAST_TURN_DEG: f64 = 20.0;
+
 /// Whether any two orientations turn this order against itself.
 fn is_turned(observed: &Observed, order: u32) -> bool {
     let degrees = &observed.orientations_deg;
     let turned = |a: f64, b: f64| {
         let turn = (f64::from(order) * (a - b)).rem_euclid(360.0);
-        turn.min(360.0 - turn) > 1.0
+        turn.min(360.0 - turn) >= LEAST_TURN_DEG
     };
     degrees.iter().any(|a| degrees.iter().any(|b| turned(*a, *b)))
 }

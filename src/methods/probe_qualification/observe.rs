@@ -24,6 +24,8 @@ pub struct Touch {
     /// X, Y and Z.
     pub axes_mm: Vector3<f64>,
     pub is_fast: bool,
+    /// Number of the orientation of the spindle.
+    pub orientation: usize,
     pub t_s: f64,
     /// How many interruptions lie before it.
     pub segment: usize,
@@ -98,6 +100,7 @@ pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, Iden
             beyond_mm: from_centre.norm() - radius_mm,
             axes_mm: taken.at.xyz(),
             is_fast: taken.is_fast(bench),
+            orientation: bench.orientation_of(&taken.at),
             t_s: taken.reading.t_s,
             segment,
             group: *groups.entry((direction(&taken.step.label), segment)).or_insert(number),

@@ -13,6 +13,13 @@ const PITCH_DEG: usize = 5;
 
 pub fn outputs(bench: &Bench<'_>, layout: &Layout, x: &[f64]) -> Outputs {
     let mut parameters = Vec::new();
+    if let Some(first) = layout.map.iter().position(|order| *order == 1) {
+        // A stylus that stands off towards the surface meets it earlier.
+        for (symbol, at) in [("x_stylus", layout.map(first)), ("y_stylus", layout.map(first) + 1)] {
+            let slope = unit_slope(at, x.len()).into_iter().map(|slope| -slope).collect();
+            parameters.push(Output::linear(symbol, Unit::Um, slope, x));
+        }
+    }
     for (index, order) in layout.map.iter().enumerate() {
         // Without a certificate nothing bounds the form of the ball.
         if *order > 1 && !layout.separates(*order) && bench.settings.form_um.is_none() {
@@ -21,13 +28,6 @@ pub fn outputs(bench: &Bench<'_>, layout: &Layout, x: &[f64]) -> Outputs {
         let unknowns = [layout.map(index), layout.map(index) + 1];
         let parts = symbols(*order).into_iter().zip(unknowns);
         parameters.extend(parts.map(|(symbol, at)| Output::unknown(&symbol, Unit::Um, at, x)));
-    }
-    if let Some(first) = layout.map.iter().position(|order| *order == 1) {
-        // A stylus that stands off towards the surface meets it earlier.
-        for (symbol, at) in [("x_stylus", layout.map(first)), ("y_stylus", layout.map(first) + 1)] {
-            let slope = unit_slope(at, x.len()).into_iter().map(|slope| -slope).collect();
-            parameters.push(Output::linear(symbol, Unit::Um, slope, x));
-        }
     }
     parameters.push(Output::unknown("r_stylus", Unit::Um, layout.radius(), x));
     let mut curves = vec![curve("E_probe", layout, x, layout.map(0), &layout.map)];

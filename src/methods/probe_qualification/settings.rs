@@ -49,6 +49,11 @@ impl Default for Settings {
 
 const MOST_AZIMUTHS: u32 = 360;
 const MOST_REPEATS: u32 = 100;
+const MOST_ORDERS: u32 = 100;
+/// Least distance before and beyond the expected contact, mm, and as many standard deviations of the stylus offset: a
+/// turned stylus stands off by twice its offset.
+const LEAST_MM: f64 = 0.1;
+const OFFSETS: f64 = 6.0;
 
 impl Settings {
     /// # Errors
@@ -64,8 +69,8 @@ impl Settings {
             "choose repeats = 3, at least 2 and at most 100",
         )?;
         Refused::unless(
-            self.orders >= 3 && self.azimuths <= MOST_AZIMUTHS,
-            "the map needs orders up to 3 at least, and no more than 360 azimuths",
+            (3..=MOST_ORDERS).contains(&self.orders) && self.azimuths <= MOST_AZIMUTHS,
+            "orders must be 3 to 100, and azimuths no more than 360",
             "leave orders (6) and azimuths (24) out",
         )?;
         let is_angle = |degrees: &f64| (-360.0..=360.0).contains(degrees);
@@ -76,10 +81,25 @@ impl Settings {
         )
     }
 
+    /// `offset_mm`: standard uncertainty of the stylus offset.
+    ///
+    /// # Errors
+    /// Touches so short that a turned stylus could miss the ball.
+    pub fn check_length(&self, offset_mm: f64) -> Result<(), Refused> {
+        let least = LEAST_MM + OFFSETS * offset_mm;
+        Refused::unless(
+            self.standoff_mm >= least && self.search_mm >= least,
+            format!(
+                "standoff_mm and search_mm must be {least:.2} or more: the stylus may stand off"
+            ),
+            "leave them out, or choose 0.5 and 1.0",
+        )
+    }
+
     /// # Errors
     /// Too few directions to tell the orders up to `last` apart.
     pub fn check_azimuths(&self, last: u32) -> Result<(), Refused> {
-        let least = 2 * last + 2;
+        let least = last.saturating_mul(2).saturating_add(2);
         Refused::unless(
             self.azimuths >= least,
             format!("{} azimuths do not tell the orders up to {last} apart", self.azimuths),

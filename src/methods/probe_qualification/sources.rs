@@ -1,5 +1,6 @@
 //! Sources of uncertainty as they act on the distances of the touches, mm.
 
+use machine::Axis;
 use nalgebra::Vector3;
 
 use super::bench::Bench;
@@ -13,9 +14,30 @@ use crate::identification::{Effect, EvaluationType, InResiduals, Shape, Uncertai
 /// How touches of one direction repeat.
 #[derive(Debug, Clone, Copy)]
 pub struct Scatter {
-    /// Standard deviation of one touch, mm.
+    /// Standard deviation of one touch as displayed, mm.
     pub s_mm: f64,
     pub dof: usize,
+    /// Largest step of the display, mm.
+    pub step_mm: f64,
+}
+
+impl Scatter {
+    /// Standard uncertainty of one touch, mm: what rounding leaves where touches do not scatter, too.
+    pub fn u_mm(self) -> f64 {
+        self.s_mm.hypot(rounding_mm(self.step_mm, self.s_mm))
+    }
+
+    /// Standard deviation of one touch without the rounding of the display, and its standard uncertainty, mm. Rounding
+    /// errors of touches that scatter by more than half a step are independent and rectangular; what is not so is
+    /// uncertain.
+    pub fn without_rounding(self) -> [f64; 2] {
+        let variance = self.s_mm.powi(2) - self.step_mm.powi(2) / 12.0;
+        let s_mm = variance.max(0.0).sqrt();
+        let of_count = self.s_mm.powi(2) * (2.0 / self.dof.max(1) as f64).sqrt();
+        let u_variance = of_count.hypot(rounding_mm(self.step_mm, self.s_mm).powi(2));
+        // u(s²) = 2·s·u(s); at s = 0 the root of u(s²) is the largest that it can be.
+        [s_mm, (u_variance / (2.0 * s_mm.max(f64::MIN_POSITIVE))).min(u_variance.sqrt())]
+    }
 }
 
 /// All sources, the touches' own scatter first.
@@ -40,6 +62,7 @@ pub fn sources(
         joint("form of the ball", form(bench, layout, touches)),
         joint("squareness of X, Y and Z", squareness(bench, observed)),
         joint("backlash", backlash(bench, touches)),
+        joint("error motions of S", spindle(bench, observed)),
         joint("error motions of X, Y and Z", linear_axes(bench, touches)),
     ];
     list.retain(|source| !source.is_zero());
@@ -83,6 +106,19 @@ fn squareness(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
         touches.clone().map(|touch| size_mm * touch.normal[i] * touch.normal[j]).collect()
     };
     [(0, 1), (0, 2), (1, 2)].map(column).into()
+}
+
+/// The ball stands elsewhere in the frame of the spindle at each of its orientations.
+fn spindle(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
+    let size_mm =
+        bench.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
+    let column = |orientation: usize, k: usize| {
+        let at =
+            |touch: &Touch| if touch.orientation == orientation { touch.normal[k] } else { 0.0 };
+        observed.touches.iter().map(|touch| size_mm * at(touch)).collect()
+    };
+    let orientations = 0..observed.orientations_deg.len();
+    orientations.flat_map(|orientation| [0, 1, 2].map(|k| column(orientation, k))).collect()
 }
 
 /// Each axis lags behind the direction of the touch.

@@ -9,6 +9,7 @@ use super::parts::Parts;
 use super::radial_check::RadialCheck;
 use super::sense::Sense;
 use super::settings::Spindle;
+use crate::identification::probe_map::ProbeMap;
 use crate::identification::{MisfitAdvice, unit_slope};
 use machine::Axis;
 use machine::record::estimate::{Estimate, Verdict};
@@ -97,16 +98,18 @@ fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
         2 * n,
         if parts.known.is_empty() { "" } else { " that the estimates taken as known do not have" }
     ));
+    let map = ProbeMap::of(parts.plan).ok().flatten();
+    let knows = |order: u32| map.as_ref().is_some_and(|map| map.knows(order));
     lines.push(
         match parts.settings.spindle {
-            Spindle::Fixed => {
+            Spindle::Fixed if !knows(2) => {
                 "two lobes of the probe, backlash of X and Y: inseparable from EYY1-EXX1 and EC0Y"
             }
-            Spindle::Follow => "backlash of X and Y: inseparable from EYY1-EXX1 and EC0Y",
+            _ => "backlash of X and Y: inseparable from EYY1-EXX1 and EC0Y",
         }
         .to_owned(),
     );
-    if parts.settings.spindle == Spindle::Fixed {
+    if parts.settings.spindle == Spindle::Fixed && !knows(1) {
         lines.push(format!(
             "stylus offset and odd lobes of the probe: inseparable from EX0{axis} and EY0{axis} with a fixed \
              spindle (they stand in the budget; spindle = \"follow\" removes them)"
