@@ -7,7 +7,7 @@ use super::failure::Failure;
 use super::files::{read_estimates, state_folder};
 use super::{Exit, show};
 use crate::report::readings_csv;
-use crate::run::{check_probe, dated, identified, judged};
+use crate::run::{check_probe, identified, judged};
 use crate::setup::{self, MachineFile, SetupError};
 use crate::store::{Journal, RunId, RunState};
 use machine::record::estimate::Estimate;
@@ -68,8 +68,7 @@ fn stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<E
     let (mut plan, left_out) = measured(stored.plan, stored.summary.state, &stored.readings);
     take_priors(args, &mut plan)?;
     let estimate = identified(method.as_ref(), &plan, &stored.readings)?;
-    let estimate = judged(estimate, &machine.tolerance);
-    let mut estimate = dated(estimate, stored.summary.started);
+    let mut estimate = judged(estimate, &machine.tolerance);
     estimate.warnings.extend(left_out);
     journal.estimate(run, &estimate).wait()?;
     Ok(estimate)

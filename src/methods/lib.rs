@@ -263,14 +263,14 @@ pub trait Method: Send + Sync {
         false
     }
 
-    /// What the run is expected to reach, for the user before anything moves, a line each. `plan`: with all steps at
+    /// What the run is expected to reach and what it cannot separate, for the user before anything moves, a line each. `plan`: with all steps at
     /// nominal positions, of `machine_s` of machine time.
     ///
     /// # Errors
     /// A plan that cannot be identified.
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
-        let _ = (plan, machine_s);
-        Ok(Vec::new())
+        let _ = machine_s;
+        Ok(identification::aliased_by_plan(plan))
     }
 
     /// Plan (with its priors) + readings → estimate. A pure function: same input, same output.

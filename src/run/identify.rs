@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use jiff::Timestamp;
 use tokio::sync::oneshot;
 
 use super::behind::{COMPUTING, behind};
@@ -133,7 +132,6 @@ pub async fn store_identification(
 ) -> Result<Estimate, Unidentified> {
     match found {
         Ok(estimate) => {
-            let estimate = dated(estimate, journal.started(run)?);
             journal.estimate(run, &estimate).await?;
             Ok(estimate)
         }
@@ -171,14 +169,6 @@ pub fn probe_sha256(plan: &Plan) -> Option<String> {
     sha256(&(plan.probe.identity(), plan.machine.tool_mm)).ok()
 }
 
-/// When the run began that it is of.
-pub fn dated(mut estimate: Estimate, started: Timestamp) -> Estimate {
-    if let Some(provenance) = &mut estimate.provenance {
-        provenance.started = Some(started.to_string());
-    }
-    estimate
-}
-
 /// `None`: something has no JSON.
 fn provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
     let times = readings.iter().map(|reading| reading.t_s);
@@ -193,7 +183,6 @@ fn provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
             Some(commit) => format!("trued {} ({commit})", env!("CARGO_PKG_VERSION")),
             None => concat!("trued ", env!("CARGO_PKG_VERSION")).to_owned(),
         },
-        started: None,
         machine: plan.machine.name.clone(),
         plan_sha256: sha256(plan).ok()?,
         readings_sha256: sha256(&readings).ok()?,

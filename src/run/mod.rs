@@ -36,8 +36,7 @@ pub use behind::{ANSWERING, behind};
 pub use cycle::{Cycle, CycleError, conclude};
 pub use error::RunError;
 pub use identify::{
-    Unidentified, dated, identified, identify_stored, judged, start_identification,
-    store_identification,
+    Unidentified, identified, identify_stored, judged, start_identification, store_identification,
 };
 pub use qualified::{Unqualified, check_probe};
 pub use resume::{Interrupted, can_resume};

@@ -1,11 +1,11 @@
 //! Whether the probe is qualified as a run needs it: the same probe, not too long ago (`[probe]
 //! qualified_within_days`).
 
-use jiff::{Timestamp, Unit};
+use jiff::Timestamp;
 
 use super::identify::probe_sha256;
 use crate::store::{Journal, StoreError};
-use machine::record::estimate::{Estimate, Provenance};
+use machine::record::estimate::Provenance;
 use machine::record::plan::Plan;
 use methods::Method;
 use methods::identification::probe_map::METHOD;
@@ -21,8 +21,10 @@ pub enum Unqualified {
         "the qualification of the probe is {days:.1} days old, more than qualified_within_days = {most}"
     )]
     Old { days: f64, most: f64 },
-    #[error("the qualification of the probe does not state when it was measured")]
-    Undated,
+    #[error(
+        "a qualification of the probe is given, and [probe] qualified_within_days takes the newest of the journal"
+    )]
+    Given,
     #[error(
         "the qualification is of another probe, stylus or machine than [probe], tool_mm and name describe now"
     )]
@@ -39,18 +41,18 @@ impl Unqualified {
         match self {
             Self::Map(refused) => refused.instead.clone(),
             Self::Store(error) => error.remedy().to_owned(),
-            Self::Never | Self::Old { .. } | Self::Undated | Self::OtherProbe => {
+            Self::Given => "leave it out (--with), or qualified_within_days".to_owned(),
+            Self::Never | Self::Old { .. } | Self::OtherProbe => {
                 format!("run `trued run {METHOD}` with a precision sphere, then this run again")
             }
         }
     }
 }
 
-/// The plan with the newest qualification of the machine's probe among its priors, where the machine file asks for one
-/// and none is given.
+/// The plan with the newest qualification of the machine's probe among its priors, where the machine file asks for one.
 ///
 /// # Errors
-/// There is none; it is of another probe, or too old; the method cannot take it.
+/// There is none; it is of another probe, or too old; the method cannot take it; one is given besides.
 pub fn qualified(
     method: &dyn Method,
     mut plan: Plan,
@@ -58,21 +60,22 @@ pub fn qualified(
     now: Timestamp,
 ) -> Result<Plan, Unqualified> {
     let within_days = plan.probe.qualified_within_days.filter(|_| method.takes_probe_map());
-    let is_given = plan.priors.iter().any(|prior| prior.method == METHOD);
-    if within_days.is_some() && !is_given {
+    if let Some(most) = within_days {
+        let is_given = plan.priors.iter().any(|prior| prior.method == METHOD);
+        if is_given {
+            return Err(Unqualified::Given);
+        }
         let newest = journal.newest_of(&plan.machine.name, METHOD)?.ok_or(Unqualified::Never)?;
-        let stored = journal.load(newest)?.estimates.pop().ok_or(Unqualified::Never)?;
-        plan.priors.push(stored.estimate);
-        method.check_priors(&plan)?;
-    }
-    check_probe(&plan)?;
-    let given = plan.priors.iter().find(|prior| prior.method == METHOD);
-    if let (Some(prior), Some(most)) = (given, within_days) {
-        let days = age_days(prior, now).ok_or(Unqualified::Undated)?;
+        let mut stored = journal.load(newest)?;
+        let days = age_days(stored.summary.started, now);
         if days > most {
             return Err(Unqualified::Old { days, most });
         }
+        let estimate = stored.estimates.pop().ok_or(Unqualified::Never)?.estimate;
+        plan.priors.push(estimate);
+        method.check_priors(&plan)?;
     }
+    check_probe(&plan)?;
     Ok(plan)
 }
 
@@ -92,9 +95,8 @@ pub fn check_probe(plan: &Plan) -> Result<(), Unqualified> {
     }
 }
 
-fn age_days(prior: &Estimate, now: Timestamp) -> Option<f64> {
-    let started: Timestamp = prior.provenance.as_ref()?.started.as_ref()?.parse().ok()?;
-    now.since(started).ok()?.total(Unit::Hour).ok().map(|hours| hours / 24.0)
+fn age_days(started: Timestamp, now: Timestamp) -> f64 {
+    now.duration_since(started).as_secs_f64() / 86_400.0
 }
 
 #[cfg(test)]
@@ -103,8 +105,9 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use machine::record::estimate::Estimate;
+
     use crate::archive::plan_for_tests;
-    use crate::run::dated;
     use crate::store::{NewRun, RunState};
 
     fn method() -> Box<dyn Method> {
@@ -145,7 +148,7 @@ mod tests {
 
         let new = NewRun { config: String::new(), plan: plan_for_tests(METHOD, "mill") };
         let run = journal.begin(&new).await.unwrap();
-        let found = dated(map(&plan), journal.started(run).unwrap());
+        let found = map(&plan);
         journal.estimate(run, &found).await.unwrap();
         journal.set_state(run, RunState::Finished).await.unwrap();
         assert_eq!(ask(&plan, now).unwrap().priors, [found]);
@@ -157,8 +160,8 @@ mod tests {
         assert!(ask(&plan, now).is_ok());
         plan.probe.ball_radius_mm += 0.5;
         assert!(matches!(ask(&plan, now), Err(Unqualified::OtherProbe)));
-        let undated = Plan { priors: vec![map(&plan)], ..plan.clone() };
-        assert!(matches!(ask(&undated, now), Err(Unqualified::Undated)));
+        let given = Plan { priors: vec![map(&plan)], ..plan.clone() };
+        assert!(matches!(ask(&given, now), Err(Unqualified::Given)));
         plan.machine.name = "another".to_owned();
         assert!(matches!(ask(&plan, now), Err(Unqualified::Never)));
     }

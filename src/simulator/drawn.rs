@@ -1,8 +1,5 @@
 //! Sources that the machine file declares by magnitude only, drawn from the seed: each source has
 //! a stream of its own, so that one may change without disturbing the others.
-
-use std::f64::consts::TAU;
-
 use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
@@ -10,11 +7,9 @@ use rand_distr::{Distribution, StandardNormal};
 use super::flank::FormHarmonic;
 use super::sensor_truth::Wave;
 use estimation::random;
-use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
-use machine::{Axis, Position};
 
 #[derive(Debug, Clone, Copy)]
-enum Source {
+pub(super) enum Source {
     Repeatability = 1,
     Lobing,
     Stylus,
@@ -39,12 +34,12 @@ enum Source {
 }
 
 /// Standard normal numbers of one source.
-fn normals(seed: u64, source: Source, key: &[u64]) -> impl Iterator<Item = f64> {
+pub(super) fn normals(seed: u64, source: Source, key: &[u64]) -> impl Iterator<Item = f64> {
     let key: Vec<u64> = std::iter::once(source as u64).chain(key.iter().copied()).collect();
     StandardNormal.sample_iter(random::stream(seed, &key))
 }
 
-fn first_normal(seed: u64, source: Source, key: &[u64]) -> f64 {
+pub(super) fn first_normal(seed: u64, source: Source, key: &[u64]) -> f64 {
     normals(seed, source, key).next().unwrap_or_default()
 }
 
@@ -191,164 +186,11 @@ impl Lobing {
     }
 }
 
-/// A random function of position with covariance σ²·exp(−Δ²/2ℓ²) (a sum of cosines of random
-/// frequency and phase), shifted to be zero at zero.
-#[derive(Debug, Clone, PartialEq, Default)]
-struct RandomFunction {
-    amplitude: f64,
-    /// (angular frequency per mm, phase).
-    waves: Vec<(f64, f64)>,
-    at_zero: f64,
-    pitch: f64,
-    /// Value and derivative times pitch at multiples of the pitch, where the function has been
-    /// tabulated: cubic Hermite pieces between them stay within 1e-6 σ of the cosines.
-    knots: Vec<[f64; 2]>,
-}
-
-impl RandomFunction {
-    const WAVES: usize = 64;
-    /// On either side of zero: a metre and more at the shortest length, whatever the limits of an
-    /// axis are. Farther out the cosines serve.
-    const MOST_KNOTS: f64 = 20_000.0;
-
-    fn draw(seed: u64, key: &[u64], sigma: f64, length: f64) -> Self {
-        if sigma == 0.0 {
-            return Self::default();
-        }
-        let frequencies = normals(seed, Source::ErrorMotion, key).take(Self::WAVES);
-        let phase_key: Vec<u64> =
-            [Source::ErrorMotion as u64].iter().chain(key).chain(&[1]).copied().collect();
-        let phases = rand_distr::StandardUniform.sample_iter(random::stream(seed, &phase_key));
-        let waves = frequencies.zip(phases).map(|(w, p): (_, f64)| (w / length, TAU * p)).collect();
-        let amplitude = sigma * (2.0 / Self::WAVES as f64).sqrt();
-        let pitch = length / 10.0;
-        let mut function = Self { amplitude, waves, pitch, ..Self::default() };
-        function.at_zero = function.at(0.0);
-        function
-    }
-
-    /// The same function, fast within `reach` of zero.
-    fn tabulated(mut self, reach: f64) -> Self {
-        if !self.waves.is_empty() {
-            let half = (reach / self.pitch).ceil().min(Self::MOST_KNOTS) as i64;
-            let knot = |i: i64| {
-                let x = i as f64 * self.pitch;
-                let slope: f64 = self.waves.iter().map(|(w, p)| -w * (w * x + p).sin()).sum();
-                [self.cosines(x), self.amplitude * slope * self.pitch]
-            };
-            self.knots = (-half..=half).map(knot).collect();
-        }
-        self
-    }
-
-    fn at(&self, x: f64) -> f64 {
-        if self.waves.is_empty() {
-            return 0.0;
-        }
-        let place = x / self.pitch + (self.knots.len() / 2) as f64;
-        let i = place.floor();
-        let piece = (i >= 0.0).then(|| self.knots.get(i as usize..)?.get(..2)).flatten();
-        let Some(&[[a, slope_a], [b, slope_b]]) = piece else { return self.cosines(x) };
-        let right = place - i;
-        let left = 1.0 - right;
-        left * left * ((1.0 + 2.0 * right) * a + right * slope_a)
-            + right * right * ((1.0 + 2.0 * left) * b - left * slope_b)
-    }
-
-    fn cosines(&self, x: f64) -> f64 {
-        let sum: f64 = self.waves.iter().map(|(w, phase)| (w * x + phase).cos()).sum();
-        self.amplitude * sum - self.at_zero
-    }
-}
-
 /// What a surface that leans adds, um: as the squared tangent of its lean, and along two directions
 /// across as the tangent.
 pub(super) fn incidence(seed: u64, sensor: usize, sigma_um: f64) -> (f64, [f64; 2]) {
     let draw = |part| sigma_um * first_normal(seed, Source::Incidence, &[sensor as u64, part]);
     (draw(0), [draw(1), draw(2)])
-}
-
-/// Positioning, straightness and squareness of X, Y and Z.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct LinearErrors {
-    /// Of each axis along X, Y and Z.
-    motions: [[RandomFunction; 3]; 3],
-    /// How far X goes with Y, X with Z, Y with Z, rad.
-    square: Vector3<f64>,
-}
-
-impl LinearErrors {
-    /// For each of X, Y and Z: standard deviation and correlation length, mm.
-    pub fn draw(seed: u64, axes: [[f64; 2]; 3]) -> Self {
-        let draw = |axis: usize, direction: usize| {
-            let [sigma, length] = axes[axis];
-            RandomFunction::draw(seed, &[axis as u64, direction as u64], sigma, length)
-        };
-        let along = |axis| std::array::from_fn(|direction| draw(axis, direction));
-        Self { motions: std::array::from_fn(along), square: Vector3::zeros() }
-    }
-
-    /// With axes that are not square, each two of this standard deviation, rad.
-    pub fn askew(self, seed: u64, sigma: f64) -> Self {
-        let draw = |pair| sigma * first_normal(seed, Source::Squareness, &[pair]);
-        Self { square: Vector3::new(draw(0), draw(1), draw(2)), ..self }
-    }
-
-    /// The same functions, fast within these distances of zero on X, Y and Z, mm.
-    pub fn tabulated(self, reach: [f64; 3]) -> Self {
-        let mut reach = reach.into_iter();
-        Self {
-            motions: self.motions.map(|along| {
-                let reach = reach.next().unwrap_or_default();
-                along.map(|function| function.tabulated(reach))
-            }),
-            ..self
-        }
-    }
-
-    /// True minus commanded position, machine frame, mm.
-    pub fn at(&self, command: [f64; 3]) -> Vector3<f64> {
-        let of_axis = |(along, q): (&[RandomFunction; 3], f64)| {
-            Vector3::from(along.each_ref().map(|function| function.at(q)))
-        };
-        let motions: Vector3<f64> = self.motions.iter().zip(command).map(of_axis).sum();
-        let ([_, y, z], square) = (command, self.square);
-        motions + Vector3::new(square.x * y + square.y * z, square.z * z, 0.0)
-    }
-}
-
-/// Rotations of X, Y and Z about each of X, Y and Z.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct AngularErrors {
-    functions: Vec<(ErrorParameter, RandomFunction)>,
-}
-
-impl AngularErrors {
-    /// For each axis: standard deviation, rad, and correlation length, mm.
-    pub fn draw(seed: u64, axes: [[f64; 2]; 3]) -> Self {
-        let mut functions = Vec::new();
-        for (number, (axis, [sigma, length])) in Axis::LINEAR.into_iter().zip(axes).enumerate() {
-            for (about, component) in [Axis::A, Axis::B, Axis::C].into_iter().zip(3_u64..) {
-                let Ok(error) = ErrorParameter::new(about, axis, Shape::Location) else { continue };
-                let key = [number as u64, component];
-                functions.push((error, RandomFunction::draw(seed, &key, sigma, length)));
-            }
-        }
-        functions.retain(|(_, function)| !function.waves.is_empty());
-        Self { functions }
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.functions.is_empty()
-    }
-
-    /// With the axes at these positions.
-    pub fn at(&self, axes: &Position) -> impl Iterator<Item = ErrorTerm> {
-        self.functions.iter().map(|(parameter, function)| ErrorTerm {
-            parameter: *parameter,
-            value: function.at(axes.at(parameter.axis())),
-        })
-    }
 }
 
 /// Coefficients of an error motion of a rotary axis, in standard deviations; `key`: axis, component, order, part.

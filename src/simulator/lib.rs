@@ -19,6 +19,7 @@ mod error;
 pub mod faulty_wire;
 mod flank;
 pub mod interpreter;
+mod linear_errors;
 mod nearest;
 mod path;
 mod ramp;

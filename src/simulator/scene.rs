@@ -6,7 +6,8 @@ use std::borrow::Cow;
 use nalgebra::{Matrix2, Vector2, Vector3};
 
 use super::WorldError;
-use super::drawn::{self, AngularErrors, Drift, LinearErrors, Lobing};
+use super::drawn::{self, Drift, Lobing};
+use super::linear_errors::{AngularErrors, LinearErrors};
 use super::rotary_errors::RotaryErrors;
 use super::sag::Sag;
 use super::sight::{Sight, Target};

@@ -9,7 +9,6 @@ use std::task::{Context, Poll};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use jiff::Timestamp;
 use rusqlite::Connection;
 use tokio::sync::oneshot;
 
@@ -152,11 +151,6 @@ impl Journal {
     /// All runs, oldest first.
     pub fn runs(&self) -> Result<Vec<RunSummary>, StoreError> {
         self.look(|connection| read::runs(connection))
-    }
-
-    /// When a run began.
-    pub fn started(&self, run: RunId) -> Result<Timestamp, StoreError> {
-        self.look(|connection| read::started(connection, run))
     }
 
     /// The newest finished run of `method` on `machine`.

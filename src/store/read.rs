@@ -1,6 +1,5 @@
 //! Reading the journal back.
 
-use jiff::Timestamp;
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Deserialize;
 
@@ -35,12 +34,6 @@ pub(super) fn runs(connection: &Connection) -> Result<Vec<RunSummary>, Fault> {
     let mut statement = connection.prepare(&format!("{SUMMARY} ORDER BY id"))?;
     let rows = statement.query_map([], summary)?.collect::<Result<Vec<_>, _>>()?;
     Ok(rows)
-}
-
-pub(super) fn started(connection: &Connection, run: RunId) -> Result<Timestamp, Fault> {
-    let text = "SELECT started FROM runs WHERE id = ?1";
-    let started = connection.query_row(text, [run.0], |row| parsed(row, 0)).optional()?;
-    started.ok_or(Fault::NoRun(run))
 }
 
 pub(super) fn newest_of(

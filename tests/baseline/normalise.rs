@@ -2,7 +2,7 @@
 //!
 //! | output | field | in its place |
 //! |---|---|---|
-//! | report, `trued show`, HTTP, estimate | an instant: `2026-07-01T12:00:00.123Z` | `INSTANT` |
+//! | report, `trued show`, HTTP | an instant: `2026-07-01T12:00:00.123Z` | `INSTANT` |
 //! | `trued run`, standard error | the line `captured to FILE` | left out |
 //! | `trued watch --json` | `t_s`: wall time of a sample | left out |
 //! | capture | see `capture.rs` | |

@@ -191,7 +191,7 @@ fn mean_square(ratios: &[(String, f64)]) -> f64 {
 
 #[test]
 fn each_source_scatters_as_its_line_of_the_budget_says() {
-    let worlds = if is_full() { FULL } else { 8 };
+    let worlds = if is_full() { FULL } else { 5 };
     let (low, high) = ratio_bounds(worlds, FULL, (0.8, 1.2));
     let mut beyond = Vec::new();
     for case in &CASES {
@@ -208,13 +208,12 @@ fn each_source_scatters_as_its_line_of_the_budget_says() {
 }
 
 #[test]
+#[ignore = "400 worlds of each method: fewer show nothing"]
 fn all_sources_together_scatter_as_the_sum_of_their_squares() {
-    let worlds = if is_full() { FULL } else { 4 };
-    let (low, high) = ratio_bounds(worlds, FULL, (0.9, 1.1));
     for case in CASES.iter().filter(|case| case.sources.len() > 1) {
-        let ratios = case.ratios(case.sources, worlds);
+        let ratios = case.ratios(case.sources, FULL);
         let mean = mean_square(&ratios);
         println!("{}: {mean:.3} of the sum of squares, {ratios:.2?}", case.method);
-        assert!((low..high).contains(&mean), "{}: {mean} beyond [{low}, {high}]", case.method);
+        assert!((0.9..1.1).contains(&mean), "{}: {mean}", case.method);
     }
 }

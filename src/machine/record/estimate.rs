@@ -276,9 +276,6 @@ pub struct Deviation {
 pub struct Provenance {
     /// The program that identified it, with its version, and of a release its commit.
     pub program: String,
-    /// When its run began (RFC 3339, UTC); absent where it is of files alone.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub started: Option<String>,
     /// Name of the machine.
     pub machine: String,
     pub plan_sha256: String,

@@ -200,7 +200,6 @@ mod tests {
     fn made_with(probe: &str) -> Provenance {
         Provenance {
             program: String::new(),
-            started: None,
             machine: "mill".to_owned(),
             plan_sha256: String::new(),
             readings_sha256: String::new(),

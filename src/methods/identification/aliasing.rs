@@ -1,6 +1,7 @@
 //! Orders of a rotary axis' error motion that the measured angles cannot tell from its location.
 
 use machine::Axis;
+use machine::record::plan::{Plan, StepKind};
 
 /// Orders that are looked at.
 const ORDERS: std::ops::RangeInclusive<u32> = 1..=12;
@@ -29,6 +30,17 @@ pub fn aliased(axis: Axis, angles: &[f64]) -> Option<String> {
          360°/{first} only; an angle between them separates them)",
         named.join(", ")
     ))
+}
+
+/// The same of the rotary axes but the spindle where the steps of a plan touch or look.
+pub fn aliased_by_plan(plan: &Plan) -> Vec<String> {
+    let rotary = plan.machine.axes.keys().filter(|axis| !axis.is_linear() && **axis != Axis::S);
+    let of_axis = |axis: &Axis| {
+        let measured = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
+        let angles: Vec<f64> = measured.map(|step| step.from.at(*axis)).collect();
+        aliased(*axis, &angles)
+    };
+    rotary.filter_map(of_axis).collect()
 }
 
 #[cfg(test)]

@@ -29,7 +29,7 @@ mod source;
 mod trials;
 mod warnings;
 
-pub use aliasing::aliased;
+pub use aliasing::{aliased, aliased_by_plan};
 pub use assumed::mark_assumed;
 pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
 pub use error_motions::{RevolutionRanges, revolution_parameters, turning_axis_ranges};

@@ -2,7 +2,8 @@
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
-use super::super::drawn::{Drift, LinearErrors, Lobing, stylus_offset, touch_deviate};
+use super::super::drawn::{Drift, Lobing, stylus_offset, touch_deviate};
+use super::super::linear_errors::LinearErrors;
 use super::*;
 use nalgebra::Vector3;
 

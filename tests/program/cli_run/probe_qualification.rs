@@ -37,14 +37,7 @@ pub fn a_later_run_takes_off_the_map_of_its_own_probe() {
         ],
     );
 
-    let map = estimate(&shop.trued(&[
-        "run",
-        "probe-qualification",
-        "--json",
-        "--machine",
-        &shop.machine(),
-    ]));
-    assert!(map["provenance"]["started"].as_str().unwrap().ends_with('Z'));
+    estimate(&shop.trued(&["run", "probe-qualification", "--json", "--machine", &shop.machine()]));
     let later = estimate(&run());
     let gauge = later["gauge"].to_string();
     assert!(
