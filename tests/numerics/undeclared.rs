@@ -41,10 +41,10 @@ fn warming_up(measured: &Measured, reading: &Reading, _: u64) -> Vector3<f64> {
     Vector3::repeat(5e-3 * (1.0 - (-4.0 * part).exp()))
 }
 
-/// At least 95 of 100 are `undecided (model)`.
-fn is_flagged(method: &str, deviation: Deviation) {
+/// At least 95 of 100 are `undecided (model)`, and as many name one of the `likely` sources first.
+fn is_flagged(method: &str, deviation: Deviation, likely: &[&str]) {
     let worlds = population(100);
-    let is_flagged = |seed: u64| {
+    let of_world = |seed: u64| {
         let mut measured = measured(method, seed);
         let moved: Vec<Vector3<f64>> = measured
             .readings
@@ -56,25 +56,35 @@ fn is_flagged(method: &str, deviation: Deviation) {
                 reading.position.set(axis, *value);
             }
         }
-        measured.estimate().verdict == Verdict::UndecidedModel
+        let estimate = measured.estimate();
+        let named = estimate.warnings.iter().find_map(|line| line.split_once("likely first, by: "));
+        let is_named = |source: &&str| named.is_some_and(|(_, rest)| rest.starts_with(*source));
+        let is_named = likely.is_empty() || likely.iter().any(is_named);
+        if !is_named {
+            println!("{method} {seed}: {:?}", estimate.warnings);
+        }
+        (estimate.verdict == Verdict::UndecidedModel, is_named)
     };
     let seeds = (7000..7000 + worlds).into_par_iter();
-    let missed = seeds.filter(|seed| !is_flagged(*seed)).count() as u64;
-    println!("{method}: {missed} of {worlds} not flagged");
-    assert!(missed <= count_bound(worlds, 100, (0.02, 5)), "{missed} of {worlds} not flagged");
+    let all: Vec<(bool, bool)> = seeds.map(of_world).collect();
+    let missed = all.iter().filter(|(flagged, _)| !flagged).count() as u64;
+    let unnamed = all.iter().filter(|(_, named)| !named).count() as u64;
+    println!("{method}: {missed} of {worlds} not flagged, {unnamed} not named");
+    let most = count_bound(worlds, 100, (0.02, 5));
+    assert!(missed <= most && unnamed <= most, "{missed} not flagged, {unnamed} not named");
 }
 
 #[test]
 fn a_bowed_axis_and_a_wrong_rotary_position_are_flagged_by_samba() {
-    is_flagged("samba", bow_and_position_of_b);
+    is_flagged("samba", bow_and_position_of_b, &["error motions of"]);
 }
 
 #[test]
 fn stick_slip_is_flagged_by_the_laser_r_test() {
-    is_flagged("laser-r-test", stick_slip);
+    is_flagged("laser-r-test", stick_slip, &[]);
 }
 
 #[test]
 fn warming_up_is_flagged_by_the_laser_r_test() {
-    is_flagged("laser-r-test", warming_up);
+    is_flagged("laser-r-test", warming_up, &["thermal drift"]);
 }

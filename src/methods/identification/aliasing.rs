@@ -19,14 +19,18 @@ fn aliased_orders(angles: &[f64]) -> Vec<u32> {
     ORDERS.filter(is_aliased).collect()
 }
 
-/// A sentence for `not_identifiable`. `None`: the angles separate all orders that are looked at.
-pub fn aliased(axis: Axis, angles: &[f64]) -> Option<String> {
+/// What an axis' error motions are inseparable from where nothing more exact is known.
+pub const LOCATION: &str = "its location errors";
+
+/// A sentence for `not_identifiable`; `of`: from what these orders are inseparable. `None`: the angles separate all
+/// orders that are looked at.
+pub fn aliased(axis: Axis, angles: &[f64], of: &str) -> Option<String> {
     let orders = aliased_orders(angles);
     let first = orders.first()?;
     let named: Vec<String> = orders.iter().map(u32::to_string).collect();
     let plural = if named.len() > 1 { "s" } else { "" };
     Some(format!(
-        "error motions of {axis} at order{plural} {}: inseparable from its location errors ({axis} is measured in steps of \
+        "error motions of {axis} at order{plural} {}: inseparable from {of} ({axis} is measured in steps of \
          360°/{first} only; an angle between them separates them)",
         named.join(", ")
     ))
@@ -38,7 +42,7 @@ pub fn aliased_by_plan(plan: &Plan) -> Vec<String> {
     let of_axis = |axis: &Axis| {
         let measured = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
         let angles: Vec<f64> = measured.map(|step| step.from.at(*axis)).collect();
-        aliased(*axis, &angles)
+        aliased(*axis, &angles, LOCATION)
     };
     rotary.filter_map(of_axis).collect()
 }
@@ -57,7 +61,7 @@ mod tests {
         // One angle between them, or none beside it.
         assert!(orders(&[0.0, 90.0, 180.0, 200.0]).is_empty());
         assert!(orders(&[45.0, 45.0]).is_empty() && orders(&[]).is_empty());
-        let line = aliased(Axis::C, &angles(&[0.0, 90.0, 270.0])).unwrap();
+        let line = aliased(Axis::C, &angles(&[0.0, 90.0, 270.0]), LOCATION).unwrap();
         assert!(line.starts_with("error motions of C at orders 4, 8, 12: "), "{line}");
         assert!(line.contains("steps of 360°/4 only"), "{line}");
     }

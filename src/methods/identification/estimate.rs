@@ -8,6 +8,7 @@ use machine::record::estimate::{
     BudgetLine, Covariance, ESTIMATE_VERSION, Estimate, Function, Parameter, Unit, Verdict,
 };
 
+use super::likely::{LikelySource, likely_sources};
 use super::model::{FitFigures, Solution};
 use super::outliers::Checked;
 use super::outputs::{Curve, Output, Outputs};
@@ -24,6 +25,8 @@ pub struct Identification {
     pub trials: Option<Summary>,
     pub figures: FitFigures,
     pub checked: Checked,
+    /// Of a misfit: what may be larger than declared.
+    pub likely: Vec<LikelySource>,
 }
 
 /// Propagates the sources to the outputs: to first order and, with a `plan`, by trials.
@@ -48,7 +51,8 @@ pub fn identify(
     let run = |plan| propagate_by_trials(solution.model, sources, misfit, &outputs, plan);
     let trials = plan.map(run).transpose()?;
     let checked = Checked::new(solution, misfit, &propagation.residual_variances);
-    Ok(Identification { outputs, propagation, trials, figures: solution.figures, checked })
+    let likely = if misfit.above { likely_sources(solution, sources) } else { Vec::new() };
+    Ok(Identification { outputs, propagation, trials, figures: solution.figures, checked, likely })
 }
 
 impl Identification {

@@ -17,6 +17,7 @@ mod estimate;
 mod harmonics;
 mod known_errors;
 mod known_motions;
+mod likely;
 mod measurement;
 mod model;
 mod outliers;
@@ -29,7 +30,7 @@ mod source;
 mod trials;
 mod warnings;
 
-pub use aliasing::{aliased, aliased_by_plan};
+pub use aliasing::{LOCATION, aliased, aliased_by_plan};
 pub use assumed::mark_assumed;
 pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
 pub use error_motions::{RevolutionRanges, revolution_parameters, turning_axis_ranges};

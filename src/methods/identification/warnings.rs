@@ -3,6 +3,7 @@
 use estimation::misfit::Misfit;
 
 use super::Identification;
+use super::likely::LikelySource;
 
 /// What a method adds to the sentence about its misfit.
 pub struct MisfitAdvice {
@@ -17,10 +18,11 @@ impl Identification {
     pub fn misfit_warning(&self, advice: &MisfitAdvice) -> Option<String> {
         let Misfit { above, below, factor, .. } = self.propagation.misfit;
         let (expectation, MisfitAdvice { causes, declared_by }) = (self.expectation(), advice);
+        let likely = self.likely_in_words();
         let more = || {
             format!(
                 "the model does not explain the measurements: they scatter {factor:.1} times more than \
-                 declared ({expectation}); look for {causes}. The uncertainties are enlarged by that \
+                 declared ({expectation}); look for {causes}{likely}. The uncertainties are enlarged by that \
                  factor, which need not cover what the model does not hold"
             )
         };
@@ -31,6 +33,19 @@ impl Identification {
             )
         };
         above.then(more).or_else(|| below.then(less))
+    }
+
+    /// Which sources, were they larger, would explain the residuals, the most likely first.
+    fn likely_in_words(&self) -> String {
+        let word = |source: &LikelySource| {
+            format!("{}, {:.1} times as large as declared", source.name, source.factor)
+        };
+        match self.likely.iter().map(word).collect::<Vec<_>>() {
+            none if none.is_empty() => String::new(),
+            words => {
+                format!(". It would be explained, most likely first, by: {}", words.join("; "))
+            }
+        }
     }
 
     /// χ² and its mean where all is as declared.

@@ -5,7 +5,7 @@ use super::label::Pass;
 use super::observe::Observed;
 use super::paper;
 use super::parts::Parts;
-use crate::identification::{MisfitAdvice, aliased};
+use crate::identification::{LOCATION, MisfitAdvice, aliased};
 use machine::Axis;
 use machine::kinematics::Shape;
 use machine::record::estimate::Unit;
@@ -199,7 +199,7 @@ pub fn not_identifiable(parts: &Parts<'_>) -> Vec<String> {
     };
     let axes = parts.bench.chain.topology().axes();
     let rotary = axes.filter(|axis| !axis.is_linear() && *axis != Axis::S);
-    lines.extend(rotary.filter_map(|axis| aliased(axis, &angles(axis))));
+    lines.extend(rotary.filter_map(|axis| aliased(axis, &angles(axis), LOCATION)));
     lines.extend(parts.identified.checked.limits());
     lines
 }

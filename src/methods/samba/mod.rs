@@ -3,7 +3,6 @@
 
 mod design;
 mod fit;
-mod harmonics;
 mod identify;
 mod left_out;
 mod model;

@@ -5,7 +5,6 @@ use std::collections::BTreeSet;
 use faer::{Mat, Side};
 
 use super::fit::vector;
-use super::harmonics;
 use super::left_out::{LeftOut, in_words, left_out};
 use super::solution::GeometrySolution;
 use super::warnings::{self, place_name};
@@ -48,9 +47,17 @@ fn not_identifiable(
         solved.observed.commanded.iter().map(|place| place.at(axis)).collect()
     };
     let axes = solved.problem.model().chain().topology().axes();
-    let rotary = axes.filter(|axis| !axis.is_linear() && *axis != Axis::S);
+    let rotary = axes.filter(|axis| !axis.is_linear());
+    let locations = |axis: Axis| -> Vec<String> {
+        let own = solved.problem.model().parameters().iter();
+        let own = own.filter(|error| error.axis() == axis && error.shape() == Shape::Location);
+        own.map(ToString::to_string).collect()
+    };
     let mut lines = [in_words(left_out), solved.thin()].concat();
-    lines.extend(rotary.filter_map(|axis| aliased(axis, &angles(axis))));
+    lines.extend(rotary.filter_map(|axis| match locations(axis) {
+        none if none.is_empty() => None,
+        names => aliased(axis, &angles(axis), &names.join(", ")),
+    }));
     lines.extend(identified.checked.limits());
     lines
 }
@@ -141,6 +148,5 @@ fn gauge(solved: &GeometrySolution<'_>, left_out: &[LeftOut]) -> Vec<String> {
     if solved.balls.lengths.iter().any(|length| length.temperature_c.is_some()) {
         lines.push("gains: against the certified length at its stated temperature".to_owned());
     }
-    lines.extend(harmonics::in_words(model, &solved.observed.commanded));
     lines
 }

@@ -70,8 +70,13 @@ fn a_manual_run_is_on() {
     start(&daemon);
     setup.wall.set("2026-11-23T04:29:58Z");
     daemon.wait_for_log("schedule dawn of 2026-11-23T04:30:00Z waits: not ready: a run is on");
-    let told = schedule(&daemon);
-    assert!(told["planned"][0]["waiting"].as_str().unwrap().contains("a run is on"), "{told}");
+    // It is told a moment after it is logged.
+    let waits = || schedule(&daemon)["planned"][0]["waiting"].as_str().map(str::to_owned);
+    let told = (0..100).find_map(|_| {
+        sleep(Duration::from_millis(100));
+        waits()
+    });
+    assert!(told.is_some_and(|waiting| waiting.contains("a run is on")));
     setup.wall.set("2026-11-23T04:40:01Z");
     setup.one(
         "2026-11-23T04:30:00Z",

@@ -212,8 +212,9 @@ fn regress_a_sound_run_gives_its_errors_back_within_u() {
     assert!(estimate.condition < 40.0 && estimate.weakest.is_some());
     assert!((0.75..1.25).contains(&estimate.chi2_per_dof), "{}", estimate.chi2_per_dof);
     assert!(estimate.warnings.is_empty(), "{:?}", estimate.warnings);
-    let [orders, sizes] = &estimate.not_identifiable[..] else { panic!() };
-    assert!(orders.starts_with("error motions of C at orders 4, 8, 12: "), "{orders}");
+    let [of_c, of_s, sizes] = &estimate.not_identifiable[..] else { panic!() };
+    assert!(of_c.starts_with("error motions of C at orders 4, 8, 12: "), "{of_c}");
+    assert!(of_s.starts_with("error motions of S at orders 4, 8, 12: "), "{of_s}");
     assert!(sizes.starts_with("deviations of a single measurement below "), "{sizes}");
     for (name, expected) in paper_errors() {
         let found = parameter(&estimate, &name);

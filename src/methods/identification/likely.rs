@@ -1,0 +1,62 @@
+//! Which of the sources, were it larger than declared, would explain a misfit best.
+
+use estimation::thin_svd::ThinSvd;
+use faer::Mat;
+
+use super::model::Solution;
+use super::source::{Effect, UncertaintySource};
+
+/// So many are named at most.
+const MOST: usize = 3;
+/// Gain of the logarithm of the likelihood from which on a source is named.
+const LEAST_GAIN: f64 = 3.0;
+/// Factors on the declared size that are tried: powers of √2.
+const FACTORS: std::ops::RangeInclusive<i32> = 1..=20;
+
+/// A source that may be larger than declared.
+#[derive(Debug, Clone)]
+pub struct LikelySource {
+    pub name: String,
+    /// On its declared size, by the largest likelihood.
+    pub factor: f64,
+    gain: f64,
+}
+
+/// Of the sources that move many observations together, the most likely first.
+pub fn likely_sources(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Vec<LikelySource> {
+    let mut list: Vec<LikelySource> =
+        sources.iter().filter_map(|source| if_larger(solution, source)).collect();
+    list.retain(|source| source.gain >= LEAST_GAIN);
+    list.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    list.truncate(MOST);
+    list
+}
+
+/// Weighted residuals have the variance 1, and by a source of the singular values σ in them 1 + f²σ² along its singular
+/// vectors. `None`: no draws, or nothing of them in the residuals.
+fn if_larger(solution: &Solution<'_>, source: &UncertaintySource) -> Option<LikelySource> {
+    if !matches!(source.effect, Effect::Joint(_)) {
+        return None;
+    }
+    let (model, residuals) = (solution.model, solution.residuals);
+    let of_draw =
+        |draw| model.respond(&source.observation_change(draw, model.observations())).residuals;
+    let columns: Vec<Vec<f64>> = (0..source.draws()).map(of_draw).collect();
+    let left = Mat::from_fn(residuals.len(), columns.len(), |i, j| columns[j][i]);
+    let svd = ThinSvd::of(&left);
+    let along =
+        |k: usize| -> f64 { (0..residuals.len()).map(|i| svd.u[(i, k)] * residuals[i]).sum() };
+    let modes: Vec<(f64, f64)> =
+        svd.s.iter().enumerate().map(|(k, sigma)| (*sigma, along(k).powi(2))).collect();
+    let gain = |factor: f64| -> f64 {
+        let of_mode = |(sigma, square): &(f64, f64)| {
+            let more = (factor * sigma).powi(2);
+            0.5 * (square * more / (1.0 + more) - more.ln_1p())
+        };
+        modes.iter().map(of_mode).sum()
+    };
+    let factors = FACTORS.map(|power| 2f64.powf(f64::from(power) / 2.0));
+    let best = factors.map(|factor| (factor, gain(factor)));
+    let (factor, gain) = best.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(LikelySource { name: source.name.clone(), factor, gain })
+}
