@@ -116,14 +116,14 @@ const CASES: [Case; 5] = [
         file: |seed, changes| {
             built_in("laser-r-test", include_str!("../../config/laser.toml"), seed, changes)
         },
-        sources: &[LINEAR_MOTIONS, ANGULAR_MOTIONS, ROTARY_MOTIONS, DRIFT],
+        sources: &[BACKLASH_OF_X, LINEAR_MOTIONS, ANGULAR_MOTIONS, ROTARY_MOTIONS, DRIFT],
     },
     Case {
         method: "r-test",
         file: |seed, changes| {
             built_in("r-test", include_str!("../../config/r-test.toml"), seed, changes)
         },
-        sources: &[STYLUS, LINEAR_MOTIONS],
+        sources: &[STYLUS, BACKLASH_OF_X, LINEAR_MOTIONS],
     },
 ];
 

@@ -82,6 +82,20 @@ pub fn half_backlash_mm(plan: &Plan) -> Vector3<f64> {
     Vector3::from(Axis::LINEAR.map(half))
 }
 
+/// How far X, Y and Z stand from where they are shown after moving through `positions` (mm) in turn, by the declared lost
+/// motion: an axis follows its command once the gap is used up. At the first they stand where they are shown.
+pub fn lags_mm(plan: &Plan, positions: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let half = half_backlash_mm(plan);
+    let mut lag = Vector3::zeros();
+    let moves = positions.windows(2).map(|two| two[1] - two[0]);
+    let first = positions.first().map(|_| Vector3::zeros());
+    let lags = moves.map(|by| {
+        lag = (lag - by).zip_map(&half, |lag: f64, half| lag.clamp(-half, half));
+        lag
+    });
+    first.into_iter().chain(lags).collect()
+}
+
 /// Direction-dependent pre-travel ([`azimuth_patterns`]); of a qualified probe what its map does not know.
 pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
     let (total_mm, orders) = (plan.probe.lobing_um * 1e-3, &plan.probe.lobing_orders);

@@ -51,6 +51,7 @@ pub fn sources(
         points.resolution(),
         points.linearity(),
         points.lobing(),
+        points.backlash(observed.latency.is_some()),
         points.linear_axes(),
         points.angular_motions(x),
         points.rotary_axes(x),
@@ -111,6 +112,26 @@ impl DwellPoints<'_> {
         let normals = rows.zip(&self.normals).map(|(row, n)| row.spindle.inverse() * n);
         let patterns = declared::lobing_patterns(self.bench.plan, &normals.collect::<Vec<_>>());
         UncertaintySource::new("probe lobing", Effect::Joint(patterns))
+    }
+
+    /// Continuous scans find it with the latency.
+    fn backlash(&self, is_found: bool) -> UncertaintySource {
+        let half = declared::half_backlash_mm(self.bench.plan);
+        let spots = &self.grouped.spots;
+        let mut order: Vec<usize> = (0..spots.len()).filter(|_| !is_found).collect();
+        order.sort_by(|a, b| spots[*a].t_s.total_cmp(&spots[*b].t_s));
+        let path: Vec<Vector3<f64>> = order.iter().map(|spot| spots[*spot].xyz).collect();
+        let mut lags = vec![Vector3::zeros(); spots.len()];
+        for (spot, lag) in order.into_iter().zip(declared::lags_mm(self.bench.plan, &path)) {
+            lags[spot] = match self.bench.touches() {
+                // A touch moves against the normal.
+                true => self.normals[spot].zip_map(&half, |n, half| half * n.signum()),
+                false => lag,
+            };
+        }
+        let column = |k: usize| lags.iter().zip(&self.normals).map(move |(lag, n)| n[k] * lag[k]);
+        let columns = [0, 1, 2].map(|k| column(k).collect());
+        unjudged("backlash", Effect::Joint(columns.into()))
     }
 
     fn linear_axes(&self) -> UncertaintySource {

@@ -2,17 +2,18 @@
 
 use nalgebra::Vector3;
 
+use super::label::CALIBRATION;
 use super::model::Equation;
 use super::observe::{Displacement, SensorMean};
 use crate::identification::azimuth::{LOBING_ORDERS, azimuth_patterns};
 use crate::identification::declared::{
-    drift_mm_per_s, linear_motion_patterns, linearity_patterns, resolution_mm,
+    drift_mm_per_s, lags_mm, linear_motion_patterns, linearity_patterns, resolution_mm,
 };
 use crate::identification::{
     Effect, EvaluationType, InResiduals, ObservationEquation, Shape, UncertaintySource,
     block_covariances,
 };
-use machine::Axis;
+use machine::{Axis, Position};
 
 /// Assumed standard deviation of one sample where none is declared, mm; the residuals rescale it.
 const UNDECLARED_NOISE_MM: f64 = 1e-4;
@@ -28,6 +29,7 @@ pub fn sources(equation: &Equation<'_>, x: &[f64]) -> Vec<UncertaintySource> {
         list.linearity(),
         list.sphere_form(),
         list.unjudged("stylus offset", list.stylus_offset()),
+        list.unjudged("backlash", list.backlash()),
         list.unjudged("error motions of X, Y and Z", list.linear_axes()),
         list.unjudged("thermal drift", list.drift()),
     ];
@@ -149,6 +151,36 @@ impl SourceList<'_> {
     fn stylus_offset(&self) -> Vec<Vec<f64>> {
         let u = self.equation.nest.plan.probe.stylus_offset_um * 1e-3;
         vec![self.column(|_| 0.0, [u, 0.0]), self.column(|_| 0.0, [0.0, u])]
+    }
+
+    /// In the calibration as its path goes; at the stops the axes stand as it has left them.
+    fn backlash(&self) -> Vec<Vec<f64>> {
+        let nest = self.equation.nest;
+        let calibration = nest.plan.steps.iter().find(|step| step.label == CALIBRATION);
+        let path =
+            calibration.and_then(|step| step.scan.as_ref()).map_or(&[][..], |scan| &scan.path);
+        let xyz: Vec<Vector3<f64>> = path.iter().map(Position::xyz).collect();
+        let lags = lags_mm(nest.plan, &xyz);
+        let at_stops = lags.last().copied().unwrap_or_default();
+        let displacements: Vec<Vector3<f64>> =
+            path.iter().map(|at| nest.displacement(at)).collect();
+        // All visits of a point count for its mean.
+        let of_point = |by: Vector3<f64>| -> Vector3<f64> {
+            let visits = displacements.iter().zip(&lags).filter(|(other, _)| **other == by);
+            let off: Vec<Vector3<f64>> = visits.map(|(_, lag)| lag - at_stops).collect();
+            off.iter().sum::<Vector3<f64>>() / off.len().max(1) as f64
+        };
+        let column = |k: usize| {
+            let of_mean = |mean: &SensorMean| match mean.displacement {
+                Displacement::Displayed(by) => {
+                    let along = Axis::LINEAR[k].direction() * of_point(by)[k];
+                    self.gradient(mean).dot(&(mean.table.inverse() * along))
+                }
+                Displacement::AtStop(_) => 0.0,
+            };
+            self.column(of_mean, [0, 1].map(|of| if of == k { -at_stops[k] } else { 0.0 }))
+        };
+        [0, 1, 2].map(column).into()
     }
 
     /// At the sphere's place; over the short moves of the calibration they do not change.
