@@ -16,12 +16,12 @@ use planning::{Confirmed, MachineTime};
 pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
     let machine = setup::load(args.machine.as_deref(), &args.method)?;
     let (method, header) = setup::header(&machine, &args.method, None)?;
-    let (plan, mut stages) = methods::nominal(method.as_ref(), header)?;
-    stages.retain(|stage| stage.repeat == 0);
+    let (plan, stages) = methods::nominal(method.as_ref(), header)?;
+    let once: Vec<Stage> = stages.iter().filter(|stage| stage.repeat == 0).cloned().collect();
     if args.json {
         show::print_json(&plan)?;
     } else if let Some(dialect) = &args.gcode {
-        let (text, proof) = program(&plan, &stages, dialect)?;
+        let (text, proof) = program(&plan, &once, dialect)?;
         say!("{}", text.trim_end_matches('\n'));
         for line in summary(&proof, &plan) {
             tell!("{line}");
@@ -39,7 +39,7 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
         for line in method.forecast(&plan, machine_s)? {
             say!("{line}");
         }
-        let (_, proof) = program(&plan, &stages, machine.controller.control.dialect())?;
+        let (_, proof) = program(&plan, &once, machine.controller.control.dialect())?;
         for line in summary(&proof, &plan) {
             say!("{line}");
         }
@@ -127,7 +127,7 @@ fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
     lines
 }
 
-/// Returns the machine time, s.
+/// Returns the machine time of all stages, s.
 fn describe(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
     let (blocks, machine_s) = planning::staged_blocks(plan, stages)?;
     say!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());

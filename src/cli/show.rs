@@ -23,15 +23,21 @@ pub fn print_estimate(estimate: &Estimate) {
         // All to a nanometre, or so.
         let digits = if p.unit == Unit::Mm { 5 } else { 3 };
         say!(
-            "{:<12} {:>12.digits$} {:>9.digits$} {:>9.digits$} {:>6.2}  {}{}",
+            "{:<12} {:>12.digits$} {:>9.digits$} {:>9.digits$} {:>6.2}  {}{}{}",
             p.symbol,
             p.value,
             p.u,
             p.expanded,
             p.k,
             p.unit.symbol(),
-            p.judged.as_ref().map_or(String::new(), |judged| in_columns(judged, p.unit))
+            p.judged.as_ref().map_or(String::new(), |judged| in_columns(judged, p.unit)),
+            p.interval_monte_carlo.map_or(String::new(), |[least, most]| {
+                format!("  [{least:.digits$}, {most:.digits$}]")
+            })
         );
+    }
+    if let Some(trials) = estimate.trials {
+        say!("[ , ]: shortest interval of the same coverage by {trials} Monte Carlo trials");
     }
     say!(
         "residuals {:.2} µm rms, {} degrees of freedom, χ² {:.2} of what is expected; rank {} of {}, condition {:.1}",

@@ -87,11 +87,14 @@ impl Refused {
         )
     }
 
+    /// Monte Carlo trials that show some scatter.
+    pub const MIN_TRIALS: usize = 100;
+
     /// # Errors
     /// Too few Monte Carlo trials; 0 is the adaptive rule of JCGM 101.
     pub fn check_trials(count: usize) -> Result<(), Self> {
         Self::unless(
-            count == 0 || count >= 100,
+            count == 0 || count >= Self::MIN_TRIALS,
             format!("{count} Monte Carlo trials show no scatter"),
             "choose at least 100, better 10 000; 0 lets JCGM 101 decide",
         )

@@ -39,9 +39,6 @@ registry! {
     crate::probe_qualification::ProbeQualification,
 }
 
-/// Monte Carlo trials where nothing but the residuals is looked at.
-const QUICK_TRIALS: u32 = 100;
-
 pub fn names() -> Vec<&'static str> {
     METHODS.iter().map(|method| method.name).collect()
 }
@@ -62,7 +59,8 @@ pub fn configure<'de, D: Deserializer<'de>>(
     let method = by_name(name, settings)?;
     let mut settings = method.settings();
     if let Some(trials) = settings.get_mut("monte_carlo_trials") {
-        *trials = QUICK_TRIALS.into();
+        // Nothing but the residuals is looked at.
+        *trials = crate::Refused::MIN_TRIALS.into();
     }
     let quick = Qualified(by_name(name, settings).map_err(D::Error::custom)?);
     let suspecting = Suspecting { method: Box::new(Qualified(method)), quick: Box::new(quick) };

@@ -6,7 +6,9 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 use super::captions::{drawing, figures, symbol};
 use super::rows::Rows;
 use super::{ErrorMap, figure, number, planned, proven, related, vectors};
-use machine::record::estimate::{Estimate, Judgement, Parameter, Verdict};
+use machine::record::estimate::{
+    BudgetLine, Distribution, Estimate, EvaluationType, Judgement, Parameter, Verdict,
+};
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
 
@@ -53,6 +55,7 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
             is_judged => estimate.parameters.iter().any(|p| p.judged.is_some()),
             decision_rule => estimate.decision_rule.as_deref(),
             coverage => estimate.coverage_percent,
+            trials => estimate.trials,
             parameters => estimate.parameters.iter().map(parameter).collect::<Vec<_>>(),
             key_results => key_results(&estimate.parameters),
             figures => figures(estimate),
@@ -113,10 +116,17 @@ fn parameter(parameter: &Parameter) -> Value {
         u => number::fixed(parameter.u, decimals),
         expanded => number::fixed(parameter.expanded, decimals),
         k => number::fixed(parameter.k, 2),
-        dof => parameter.dof.map_or("∞".to_owned(), |dof| number::fixed(dof, 1)),
+        dof => degrees_of_freedom(parameter.dof),
+        interval => parameter.interval_monte_carlo.map_or("—".to_owned(), |ends| {
+            ends.map(|end| number::fixed(end, decimals)).join(" to ")
+        }),
         identifiable => parameter.identifiable,
         judged => parameter.judged.map(judged),
     }
+}
+
+fn degrees_of_freedom(dof: Option<f64>) -> String {
+    dof.map_or("∞".to_owned(), |dof| number::fixed(dof, 1))
 }
 
 fn judged(Judgement { limit, verdict, conformance }: Judgement) -> Value {
@@ -146,21 +156,18 @@ fn proof(plan: &Plan, proofs: &[Proof]) -> Value {
 
 /// The uncertainty budget: a row per parameter, a column per source.
 fn budget(parameters: &[Parameter]) -> Value {
-    let mut sources: Vec<String> = Vec::new();
-    let mut titles: Vec<String> = Vec::new();
+    let mut sources: Vec<&BudgetLine> = Vec::new();
     for line in parameters.iter().flat_map(|parameter| &parameter.budget) {
-        if !sources.contains(&line.source) {
-            let assumed = if line.assumed { " (assumed)" } else { "" };
-            titles.push(format!("{}{assumed}", line.source));
-            sources.push(line.source.clone());
+        if sources.iter().all(|known| known.source != line.source) {
+            sources.push(line);
         }
     }
     let rows = parameters.iter().filter(|row| row.identifiable && !row.budget.is_empty());
     let rows: Vec<Value> = rows
         .map(|parameter| {
             let decimals = number::decimals(parameter.u);
-            let share = |source: &String| {
-                let line = parameter.budget.iter().find(|line| line.source == *source);
+            let share = |source: &&BudgetLine| {
+                let line = parameter.budget.iter().find(|line| line.source == source.source);
                 line.map_or(String::new(), |line| number::fixed(line.u, decimals))
             };
             context! {
@@ -171,8 +178,29 @@ fn budget(parameters: &[Parameter]) -> Value {
             }
         })
         .collect();
-    let assumed = parameters.iter().flat_map(|p| &p.budget).any(|line| line.assumed);
-    context! { sources => titles, rows, assumed }
+    let title = |line: &&BudgetLine| {
+        format!("{}{}", line.source, if line.assumed { " (assumed)" } else { "" })
+    };
+    context! {
+        sources => sources.iter().map(title).collect::<Vec<_>>(),
+        head => evaluations(&sources),
+        rows,
+        assumed => sources.iter().any(|line| line.assumed),
+    }
+}
+
+/// How the sources were evaluated: a row per property, a column per source.
+fn evaluations(sources: &[&BudgetLine]) -> Vec<Value> {
+    let row = |name: &str, text: &dyn Fn(&BudgetLine) -> String| {
+        let texts: Vec<String> = sources.iter().map(|line| text(line)).collect();
+        context! { name, texts }
+    };
+    let or_nothing = |text: Option<&str>| text.unwrap_or_default().to_owned();
+    vec![
+        row("Type", &|line| or_nothing(line.evaluation.map(EvaluationType::as_str))),
+        row("Distribution", &|line| or_nothing(line.distribution.map(Distribution::as_str))),
+        row("Degrees of freedom", &|line| degrees_of_freedom(line.dof)),
+    ]
 }
 
 fn quality(estimate: &Estimate) -> Rows {

@@ -16,7 +16,7 @@ use machine::record::event::Event;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::decision;
-use methods::identification::mark_assumed;
+use methods::identification::add_sizes;
 use methods::{IdentifyError, Method};
 
 /// How often a stop is looked for while the identification computes.
@@ -158,7 +158,7 @@ pub fn identified(
 ) -> Result<Estimate, IdentifyError> {
     let mut estimate = method.identify(plan, readings)?;
     estimate.measured = ranges(readings);
-    mark_assumed(&mut estimate, &plan.assumed);
+    add_sizes(&mut estimate, plan);
     estimate.provenance = provenance(plan, readings);
     estimate.priors = plan.priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
     Ok(estimate)

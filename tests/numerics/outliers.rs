@@ -83,7 +83,7 @@ impl Measured {
         let step_of =
             |reading: &Reading| steps.iter().find(|step| step.id == reading.step).unwrap();
         let of_place = |step: &str| step == label || step.starts_with(&format!("{label}/"));
-        for reading in &mut self.readings {
+        for reading in self.readings.iter_mut().filter(|reading| reading.repeat == 0) {
             let step = step_of(reading);
             if of_place(&step.label) {
                 let moved = reading.position.xyz() + by;
@@ -102,6 +102,35 @@ impl Measured {
                 reading.value_mm = reading.value_mm.map(|mm| mm + by.norm());
             }
         }
+    }
+}
+
+/// Self-calibration with six positions and without references has touches that no other checks.
+#[test]
+fn a_touch_that_no_other_checks_is_made_once_more() {
+    let file = |seed: u64| {
+        let text = include_str!("../../config/simulated.toml");
+        let settings = "\n[method.self-calibration]\npositions = 6\nreferences = false\n";
+        built_in("self-calibration", &format!("{text}{settings}"), seed)
+    };
+    for seed in 3000..3003 {
+        let mut measured = Case { method: "self-calibration", file }.measured(seed);
+        let again: Vec<&str> = measured
+            .readings
+            .iter()
+            .filter(|r| r.repeat == 1)
+            .map(|r| {
+                let step = measured.plan.steps.iter().find(|step| step.id == r.step);
+                step.unwrap().label.as_str()
+            })
+            .collect();
+        assert!(!again.is_empty());
+        let label = again[seed as usize % again.len()].to_owned();
+        assert!(measured.estimate().outliers.is_empty());
+        measured.displace(&label, Vector3::new(0.02, 0.02, 0.0));
+        let off = measured.estimate();
+        let named = off.outliers.iter().flat_map(|outlier| &outlier.candidates);
+        assert!(named.into_iter().any(|one| one.label == label), "{label}: {:?}", off.outliers);
     }
 }
 

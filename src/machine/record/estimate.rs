@@ -94,13 +94,51 @@ pub enum EvaluationType {
     B,
 }
 
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+impl EvaluationType {
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::A => "A",
+            Self::B => "B",
+        }
+    }
+}
+
+/// Of one draw of a source of uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Distribution {
+    Normal,
+    Rectangular,
+}
+
+impl Distribution {
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Normal => "normal",
+            Self::Rectangular => "rectangular",
+        }
+    }
+}
+
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct BudgetLine {
     pub source: String,
-    /// Absent in estimates of earlier versions.
+    /// Absent in estimates of earlier versions, as the distribution.
     #[serde(rename = "type", default, skip_serializing_if = "Option::is_none")]
     pub evaluation: Option<EvaluationType>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub distribution: Option<Distribution>,
+    /// Contribution to the standard uncertainty of the parameter, in its unit.
     pub u: f64,
+    /// Degrees of freedom of its size; absent: infinitely many.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub dof: Option<f64>,
+    /// Of the machine file, that declares its size, as `probe.lobing_um`; `axes.*`: each of the axes. Absent: none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub key: Option<String>,
+    /// `u` by the size that the key declares, of several axes or sensors the largest. Absent: it is not in proportion.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sensitivity: Option<f64>,
     /// Its size, or a part of it, is not declared but assumed.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub assumed: bool,

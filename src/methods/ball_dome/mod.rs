@@ -22,6 +22,7 @@ mod tests;
 pub use settings::Settings;
 
 use crate::ball_measurement::{self, MadeVisits};
+use crate::identification::with_repeatability;
 use crate::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -60,7 +61,7 @@ impl Method for BallDome {
         ball_measurement::next(&setup, &visits, done, source)
     }
 
-    fn forecast(&self, _plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
         let (watch_min, measure_min) = (self.settings.watch_min, machine_s / 60.0);
         let watch = || {
             format!(
@@ -69,10 +70,19 @@ impl Method for BallDome {
                 measure_min + watch_min
             )
         };
-        Ok(vec![match watch_min > 0.0 {
+        let time = match watch_min > 0.0 {
             true => watch(),
             false => format!("about {measure_min:.0} min"),
-        }])
+        };
+        if prior::known_machine(plan)?.is_none() {
+            return Ok(vec![time]);
+        }
+        let settings =
+            Settings { monte_carlo_trials: Refused::MIN_TRIALS, ..self.settings.clone() };
+        let readings = ball_measurement::nominal_readings(plan, machine_s);
+        let estimate = estimate::estimate(&with_repeatability(plan), &settings, &readings)
+            .map_err(|error| Refused::new(error.to_string(), error.remedy()))?;
+        Ok([time].into_iter().chain(estimate.not_identifiable).collect())
     }
 
     fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {

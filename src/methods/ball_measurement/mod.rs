@@ -10,6 +10,7 @@ mod known;
 mod label;
 mod made_visits;
 mod measurements;
+mod nominal;
 mod observe;
 mod order;
 mod planned_ways;
@@ -27,9 +28,12 @@ pub use indexations::{
     NamedPositions, RotaryPositions, indexations, is_parallel, is_rotary, is_same, tilts_spindle,
     tilts_table,
 };
-pub use label::{Label, Pass};
+#[cfg(test)]
+pub use label::Label;
+pub use label::Pass;
 pub use made_visits::MadeVisits;
 pub use measurements::measurements;
+pub use nominal::nominal_readings;
 pub use observe::{BallCentre, Observed, observe, stated_balls};
 pub use order::{balls_in_order, in_order};
 pub use planned_ways::balls_by_planned_ways;

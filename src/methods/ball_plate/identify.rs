@@ -35,18 +35,14 @@ pub fn identify(
     let max = (MAX_PRODUCTS / products).clamp(2_000, 200_000);
     let trials = Trials::asked(settings.monte_carlo_trials, STABLE_DIGITS, max);
     let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
-    let is_declared = plan.probe.repeatability_um.is_some();
-    let identified = identified(&solved, is_declared, Some(trials))?;
+    let identified = identified(&solved, Some(trials))?;
     Ok(estimate(&solved, &identified))
 }
 
-/// `is_declared`: whether the declared sizes of the sources stand, or the residuals judge them.
-///
 /// # Errors
 /// Fewer than two trials.
 pub fn identified(
     solved: &Solved<'_>,
-    is_declared: bool,
     trials: Option<TrialPlan>,
 ) -> Result<Identification, IdentifyError> {
     let Solved { design, sources, sigma, a, solution, .. } = solved;
@@ -57,7 +53,7 @@ pub fn identified(
     let core = Solution {
         model: &model,
         residuals: &weighted,
-        is_declared,
+        is_declared: solved.is_declared,
         figures: FitFigures { unknowns, ..FitFigures::of_linear(solution) },
         measurements: &solved.measurements(),
     };

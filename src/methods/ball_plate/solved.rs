@@ -30,6 +30,8 @@ pub struct Solved<'a> {
     pub sigma: Vec<f64>,
     pub a: Mat<f64>,
     pub solution: LinearSolution,
+    /// Whether the sizes of the sources are declared, or the residuals judge them.
+    pub is_declared: bool,
 }
 
 impl<'a> Solved<'a> {
@@ -55,7 +57,8 @@ impl<'a> Solved<'a> {
         };
         let (a, solution) = solve(&design.layout, &design.stops, &measured.sightings, &sigma)
             .map_err(|error| IdentifyError::unsolved(error, lost))?;
-        Ok(Self { settings, plate, design, measured, sources, sigma, a, solution })
+        let is_declared = plan.probe.repeatability_um.is_some();
+        Ok(Self { settings, plate, design, measured, sources, sigma, a, solution, is_declared })
     }
 
     /// Each ball at each stop.

@@ -191,7 +191,7 @@ mod tests {
             source: (*source).to_owned(),
             evaluation: Some(*evaluation),
             u: *u,
-            assumed: false,
+            ..BudgetLine::default()
         };
         let u = lines.iter().map(|(.., u)| u * u).sum::<f64>().sqrt();
         Parameter { budget: lines.iter().map(line).collect(), ..parameter(value, u, None) }

@@ -41,7 +41,12 @@ pub fn aliased_by_plan(plan: &Plan) -> Vec<String> {
     let rotary = plan.machine.axes.keys().filter(|axis| !axis.is_linear() && **axis != Axis::S);
     let of_axis = |axis: &Axis| {
         let measured = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt);
-        let angles: Vec<f64> = measured.map(|step| step.from.at(*axis)).collect();
+        let angles: Vec<f64> = measured
+            .flat_map(|step| match &step.scan {
+                Some(scan) => scan.path.iter().map(|at| at.at(*axis)).collect(),
+                None => vec![step.from.at(*axis)],
+            })
+            .collect();
         aliased(*axis, &angles, LOCATION)
     };
     rotary.filter_map(of_axis).collect()

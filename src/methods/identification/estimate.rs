@@ -98,16 +98,10 @@ impl Identification {
 
     fn parameter(&self, index: usize, output: &Output) -> Parameter {
         let Output { symbol, unit, value, .. } = output;
-        let own = self.uncertainty_of(index, output);
-        let has_budget = index < self.outputs.parameters.len();
-        let lines = own.budget.into_iter().filter(|_| has_budget);
         Parameter {
             u_monte_carlo: self.u_by_trials(index).map(|u| unit.from_internal(u)),
             interval_monte_carlo: self.interval(index).map(|mm| mm.map(|x| unit.from_internal(x))),
-            budget: lines
-                .map(|line| BudgetLine { u: unit.from_internal(line.u), ..line })
-                .collect(),
-            ..reported_parameter(symbol, *unit, *value, own.u, own.dof)
+            ..derived_parameter(symbol, *unit, *value, self.uncertainty_of(index, output))
         }
     }
 
@@ -174,6 +168,15 @@ impl Identification {
             .filter(|(i, output)| trials.contradicts(*i, self.uncertainty_of(*i, output).u))
             .map(|(_, output)| output.symbol.as_str())
             .collect()
+    }
+}
+
+/// A parameter without trials, of a known `value` (internal unit) and uncertainty.
+pub fn derived_parameter(symbol: &str, unit: Unit, value: f64, own: Uncertainty) -> Parameter {
+    let lines = own.budget.into_iter();
+    Parameter {
+        budget: lines.map(|line| BudgetLine { u: unit.from_internal(line.u), ..line }).collect(),
+        ..reported_parameter(symbol, unit, value, own.u, own.dof)
     }
 }
 

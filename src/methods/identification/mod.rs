@@ -8,12 +8,12 @@
 //! by index. The core imports no method.
 
 mod aliasing;
-mod assumed;
 pub mod azimuth;
 mod blocks;
 pub mod declared;
 mod error_motions;
 mod estimate;
+mod forecast;
 mod harmonics;
 mod known_errors;
 mod known_motions;
@@ -26,15 +26,16 @@ mod periodic_points;
 pub mod probe_map;
 mod propagation;
 mod range;
+mod sizes;
 mod source;
 mod trials;
 mod warnings;
 
 pub use aliasing::{LOCATION, aliased, aliased_by_plan};
-pub use assumed::mark_assumed;
 pub use blocks::{BlockEquations, BlockFit, BlockwiseFit};
 pub use error_motions::{RevolutionRanges, revolution_parameters, turning_axis_ranges};
-pub use estimate::{Identification, identify, reported_parameter};
+pub use estimate::{Identification, derived_parameter, identify, reported_parameter};
+pub use forecast::{assumed_repeatability, expected, with_repeatability};
 pub use harmonics::{Harmonic, HarmonicFunction, numbered_values, order_values};
 pub use known_errors::KnownErrors;
 pub use known_motions::KnownMotions;
@@ -49,6 +50,7 @@ pub use outputs::{
 };
 pub use propagation::{Propagation, Uncertainty};
 pub use range::{Range, range_outputs};
+pub use sizes::add_sizes;
 pub use source::{
     Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,
     block_covariances, prior_covariance,

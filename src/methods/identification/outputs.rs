@@ -55,8 +55,7 @@ pub struct Curve {
 pub type TrialFunction = Box<dyn Fn(MatRef<'_, f64>) -> Mat<f64> + Send + Sync>;
 
 /// Parameters that are no linear function of the unknowns: a circle's centre, a largest deviation. They
-/// have no budget and are not in the covariance. One without slope has no u but by trials: NaN where
-/// none are run.
+/// are not in the covariance. One without slope has no budget, and no u but by trials: NaN where none are run.
 pub struct NonlinearOutputs {
     pub outputs: Vec<Output>,
     /// Values of the outputs, in their order.

@@ -2,8 +2,9 @@
 
 use estimation::coverage::{coverage_factor, effective_dof};
 use estimation::misfit::Misfit;
+use estimation::monte_carlo::Shape;
 use faer::Mat;
-use machine::record::estimate::{BudgetLine, EvaluationType};
+use machine::record::estimate::{BudgetLine, Distribution, EvaluationType};
 
 use super::model::{Response, Solution};
 use super::source::{InResiduals, UncertaintySource};
@@ -21,6 +22,7 @@ pub struct Propagation {
 struct UnknownsEffect {
     name: String,
     evaluation: EvaluationType,
+    distribution: Distribution,
     is_judged: bool,
     dof: f64,
     /// Unknowns × draws of one standard deviation.
@@ -61,8 +63,12 @@ impl UnknownsEffect {
             }
         }
         let is_judged = source.in_residuals == InResiduals::Judged;
+        let distribution = match source.shape {
+            Shape::Normal => Distribution::Normal,
+            Shape::Rectangular => Distribution::Rectangular,
+        };
         let (name, evaluation, dof) = (source.name.clone(), source.evaluation, source.dof);
-        Self { name, evaluation, is_judged, dof, draws }
+        Self { name, evaluation, distribution, is_judged, dof, draws }
     }
 
     /// Variance of the output with this derivative by the unknowns: most derivatives have few entries.
@@ -108,11 +114,16 @@ impl Propagation {
         // The degrees of freedom of the misfit may be NaN where it scales nothing.
         components.extend(is_scaled.then_some((judged, self.misfit.dof)));
         let lines = self.effects.iter().zip(&variances);
-        let line = |(effect, variance): (&UnknownsEffect, &f64)| BudgetLine {
-            source: effect.name.clone(),
-            evaluation: Some(effect.evaluation),
-            u: variance.sqrt(),
-            assumed: false,
+        let line = |(effect, variance): (&UnknownsEffect, &f64)| {
+            let dof = if is_scaled && effect.is_judged { self.misfit.dof } else { effect.dof };
+            BudgetLine {
+                source: effect.name.clone(),
+                evaluation: Some(effect.evaluation),
+                distribution: Some(effect.distribution),
+                u: variance.sqrt(),
+                dof: Some(dof).filter(|dof| dof.is_finite()),
+                ..BudgetLine::default()
+            }
         };
         Uncertainty {
             u: variances.iter().sum::<f64>().sqrt(),

@@ -27,6 +27,7 @@ use std::sync::Arc;
 use self::design::Bench;
 use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use crate::ball_measurement::{self, MadeVisits, Visit};
+use crate::identification::{assumed_repeatability, expected, with_repeatability};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
@@ -75,6 +76,17 @@ impl Method for Samba {
 
     fn takes_probe_map(&self) -> bool {
         true
+    }
+
+    fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
+        let settings =
+            Settings { monte_carlo_trials: Refused::MIN_TRIALS, ..self.settings.clone() };
+        let readings = ball_measurement::nominal_readings(plan, machine_s);
+        let estimate = identify::identify(&with_repeatability(plan), &settings, &readings)
+            .map_err(|error| Refused::new(error.to_string(), error.remedy()))?;
+        let of_machine = expected(&estimate, |parameter| parameter.symbol.starts_with('E'));
+        let lines = of_machine.into_iter().chain(assumed_repeatability(plan));
+        Ok(lines.chain(estimate.not_identifiable).collect())
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {

@@ -3,7 +3,7 @@
 
 use super::model::Layout;
 use super::parts::Parts;
-use crate::identification::{central_differences, reported_parameter};
+use crate::identification::{central_differences, derived_parameter};
 use estimation::circle::fit_circle;
 use machine::record::estimate::{CircleFigure, Estimate, Unit};
 
@@ -19,11 +19,10 @@ pub fn add_axis_circle(parts: &Parts<'_>, estimate: &mut Estimate) {
         |x: &[f64]| fit_circle(&axis_points(layout, x)).ok().map(|circle| circle.centre.to_vec());
     let Some(slopes) = central_differences(x, DERIVATIVE_STEP_MM, centre) else { return };
     let own = [0, 1].map(|i| parts.identification.propagation.uncertainty(&slopes[i]));
-    for (i, symbol) in ["X", "Y"].into_iter().enumerate() {
+    let centre_expanded = own.each_ref().map(|own| own.expanded() * 1e3);
+    for ((symbol, value), own) in ["X", "Y"].into_iter().zip(circle.centre).zip(own) {
         let symbol = format!("E{symbol}0{axis}_lsc");
-        let value = circle.centre[i];
-        let parameter = reported_parameter(&symbol, Unit::Um, value, own[i].u, own[i].dof);
-        estimate.parameters.push(parameter);
+        estimate.parameters.push(derived_parameter(&symbol, Unit::Um, value, own));
     }
     let um = |i: usize| axis_points(layout, x).iter().map(|point| point[i] * 1e3).collect();
     estimate.circles.push(CircleFigure {
@@ -33,7 +32,7 @@ pub fn add_axis_circle(parts: &Parts<'_>, estimate: &mut Estimate) {
         y: um(1),
         centre: circle.centre.map(|mm| mm * 1e3),
         radius: circle.radius * 1e3,
-        centre_expanded: own.map(|own| own.expanded() * 1e3),
+        centre_expanded,
     });
 }
 

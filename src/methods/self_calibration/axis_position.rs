@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::parts::Parts;
 use crate::identification::reported_parameter;
-use machine::record::estimate::{Estimate, Parameter, Unit};
+use machine::record::estimate::{BudgetLine, Estimate, Parameter, Unit};
 
 const MM_PER_UM: f64 = 1e-3;
 
@@ -17,7 +17,14 @@ pub fn add_axis_position(parts: &Parts<'_>, estimate: &mut Estimate) {
     let positions = positions.map(|((error, direction), stated)| {
         let symbol = format!("{direction}_{}", parts.axis.axis);
         let [off_mm, u_mm] = [error.value, error.u].map(|um| um * MM_PER_UM);
-        reported_parameter(&symbol, Unit::Mm, stated + off_mm, u_mm, error.dof)
+        let line = |line: BudgetLine| BudgetLine { u: line.u * MM_PER_UM, ..line };
+        let interval = error.interval_monte_carlo;
+        Parameter {
+            u_monte_carlo: error.u_monte_carlo.map(|um| um * MM_PER_UM),
+            interval_monte_carlo: interval.map(|um| um.map(|um| stated + um * MM_PER_UM)),
+            budget: error.budget.into_iter().map(line).collect(),
+            ..reported_parameter(&symbol, Unit::Mm, stated + off_mm, u_mm, error.dof)
+        }
     });
     estimate.parameters.extend(positions);
 }

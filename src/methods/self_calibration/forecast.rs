@@ -5,9 +5,9 @@ use super::identify::{nominal_reading, parts};
 use super::plan::Planner;
 use super::settings::Settings;
 use crate::IdentifyError;
-use crate::identification::KnownMotions;
+use crate::identification::{KnownMotions, assumed_repeatability, expected, with_repeatability};
 use machine::Axis;
-use machine::record::plan::Plan;
+use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
 
 /// What a sentence on error motions that are not identifiable begins with.
@@ -26,22 +26,30 @@ pub fn forecast(
     known: &KnownMotions<'_>,
     machine_s: f64,
 ) -> Result<Vec<String>, IdentifyError> {
-    let mut readings: Vec<Reading> =
-        (0..settings.repeats).flat_map(|repeat| nominal_pass(plan, repeat)).collect();
+    let mut readings = nominal_passes(plan, settings);
+    let unchecked = unchecked(plan, settings, planner, known)?;
+    let again = readings.iter().filter(|one| one.repeat == 0 && unchecked.contains(&one.step));
+    let again: Vec<Reading> =
+        again.map(|one| Reading { repeat: settings.repeats, ..one.clone() }).collect();
+    readings.extend(again);
     let interval_s = machine_s / readings.len().max(1) as f64;
     for (number, reading) in readings.iter_mut().enumerate() {
         reading.t_s = interval_s * number as f64;
     }
-    let parts = parts(plan, settings, planner, known, &readings, |_| None)?;
+    let declared = with_repeatability(plan);
+    let parts = parts(&declared, settings, planner, known, &readings, |_| None)?;
     let estimate = estimate::estimate(&parts);
-    let expected = estimate.parameters.iter().filter(|parameter| !parameter.budget.is_empty());
-    let expected: Vec<String> =
-        expected.map(|p| format!("{} {:.1} {}", p.symbol, p.expanded, p.unit.symbol())).collect();
+    let symbols = &estimate.covariance.symbols;
+    let expected = expected(&estimate, |parameter| symbols.contains(&parameter.symbol)).into_iter();
     let aliased = estimate.not_identifiable.into_iter().filter(|line| line.starts_with(ALIASED));
-    let expected = format!("expected U: {}", expected.join(", "));
     let limits = parts.identification.checked.limits();
     let better = better_positions(plan, planner.axis().axis, parts.fit.layout.design.n);
-    Ok([expected].into_iter().chain(aliased).chain(better).chain(limits).collect())
+    Ok(expected
+        .chain(assumed_repeatability(plan))
+        .chain(aliased)
+        .chain(better)
+        .chain(limits)
+        .collect())
 }
 
 /// Where the axis is known to have error motions that its positions cannot tell from its location: how many could.
@@ -55,7 +63,29 @@ fn better_positions(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
     Some(format!("positions = {better} would separate all error_motion_orders of {axis}"))
 }
 
-fn nominal_pass(plan: &Plan, repeat: u32) -> impl Iterator<Item = Reading> {
+/// Steps of touches that no other touch checks after all passes.
+///
+/// # Errors
+/// As [`forecast`].
+pub fn unchecked(
+    plan: &Plan,
+    settings: &Settings,
+    planner: &Planner<'_>,
+    known: &KnownMotions<'_>,
+) -> Result<Vec<u32>, IdentifyError> {
+    let declared = with_repeatability(plan);
+    let readings = nominal_passes(plan, settings);
+    let parts = parts(&declared, settings, planner, known, &readings, |_| None)?;
+    let found = &parts.identification.checked.smallest_found;
+    let is_unchecked = |step: &&Step| {
+        found.iter().any(|one| one.deviation_um.is_none() && one.label == step.label)
+    };
+    Ok(plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
+}
+
+fn nominal_passes(plan: &Plan, settings: &Settings) -> Vec<Reading> {
     let touches = plan.steps.iter().filter(|step| step.scan.is_none() && step.text.is_none());
-    touches.map(move |step| Reading { repeat, ..nominal_reading(step) })
+    let touches: Vec<Reading> = touches.map(nominal_reading).collect();
+    let pass = |repeat| touches.iter().map(move |one| Reading { repeat, ..one.clone() });
+    (0..settings.repeats).flat_map(pass).collect()
 }

@@ -31,6 +31,8 @@ pub use fit::{Fit, LinearisedFit};
 pub use identify::Fitted;
 pub use settings::Settings;
 
+use std::cmp::Ordering;
+
 use self::observe::ObservedAxis;
 use self::plan::{Part, Planner};
 use self::table_axis::TableAxis;
@@ -43,6 +45,8 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 
 pub const NAME: &str = "self-calibration";
+const AGAIN: &str = "touches that no other checks, once more";
+
 pub struct SelfCalibration {
     settings: Settings,
 }
@@ -76,6 +80,13 @@ impl SelfCalibration {
         let mut stage = self.stage(plan, "Tests 1a to 3".to_owned(), 0, ids);
         stage.found = self.settings.locate.then(|| self.found(plan, planner, part));
         Ok(Next::Stage { stage, new_steps })
+    }
+
+    /// Touches that no other checks are made once more.
+    fn unchecked(&self, plan: &Plan, planner: &Planner<'_>) -> Result<Vec<u32>, Refused> {
+        let known = KnownMotions::new(planner.axis().axis, &plan.priors)?;
+        forecast::unchecked(plan, &self.settings, planner, &known)
+            .map_err(|error| Refused::new(error.to_string(), error.remedy()))
     }
 
     /// The artefact where it was located. From one turn of the table to the next it may stand
@@ -129,12 +140,18 @@ impl Method for SelfCalibration {
             identify::check_well_posed(plan, &self.settings, &planner)?;
         }
         let pass = (done.len() - located) as u32;
-        if pass >= self.settings.repeats {
-            return Ok(Next::Done);
-        }
         if let Some(first) = done.get(located) {
-            let name = format!("Tests 1a to 3, pass {}", pass + 1);
-            let mut stage = self.stage(plan, name, pass, first.steps.clone());
+            let (name, steps) = match pass.cmp(&self.settings.repeats) {
+                Ordering::Less => {
+                    (format!("Tests 1a to 3, pass {}", pass + 1), first.steps.clone())
+                }
+                Ordering::Equal => (AGAIN.to_owned(), self.unchecked(plan, &planner)?),
+                Ordering::Greater => return Ok(Next::Done),
+            };
+            if steps.is_empty() {
+                return Ok(Next::Done);
+            }
+            let mut stage = self.stage(plan, name, pass, steps);
             stage.found = first.found.clone();
             return Ok(Next::Stage { stage, new_steps: Vec::new() });
         }

@@ -89,7 +89,20 @@ pub struct BudgetView {
     /// A: by statistics of repeated readings; B: by other means. Absent in estimates of earlier versions.
     #[schema(rename = "type", required = false)]
     evaluation: Option<String>,
+    /// Of one draw: normal or rectangular. Absent in estimates of earlier versions.
+    #[schema(required = false)]
+    distribution: Option<String>,
+    /// Contribution to the standard uncertainty of the parameter, in its unit.
     u: f64,
+    /// Degrees of freedom of its size; absent: infinitely many.
+    #[schema(required = false)]
+    dof: Option<f64>,
+    /// Of the machine file, that declares its size; `axes.*`: each of the axes.
+    #[schema(required = false)]
+    key: Option<String>,
+    /// `u` by the size that the key declares, of several axes or sensors the largest. Absent: it is not in proportion.
+    #[schema(required = false)]
+    sensitivity: Option<f64>,
     /// Its size, or a part of it, is not declared but assumed.
     #[schema(required = false)]
     assumed: bool,
@@ -228,7 +241,7 @@ mod tests {
     use crate::archive::compare::Comparison;
     use crate::store::{Audit, Audited, RunId, RunState, RunSummary};
     use machine::record::estimate::{
-        BudgetLine, EvaluationType, Judgement, Parameter, Unit, Verdict,
+        BudgetLine, Distribution, EvaluationType, Judgement, Parameter, Unit, Verdict,
     };
     use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
     use methods::decision::difference::Difference;
@@ -323,7 +336,11 @@ mod tests {
             budget: vec![BudgetLine {
                 source: "probe".to_owned(),
                 evaluation: Some(EvaluationType::A),
+                distribution: Some(Distribution::Normal),
                 u: 0.1,
+                dof: Some(9.0),
+                key: Some("probe.lobing_um".to_owned()),
+                sensitivity: Some(0.2),
                 assumed: true,
             }],
             judged: Some(Judgement { limit: 5.0, verdict: Verdict::Pass, conformance: Some(1.0) }),

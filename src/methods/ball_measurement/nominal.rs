@@ -1,0 +1,25 @@
+//! Readings as a plan expects them.
+
+use super::label::{Label, Pass};
+use machine::record::plan::{Plan, Step};
+use machine::record::reading::{Flag, Reading};
+
+/// Slow touches as if each made contact where it sets out, at equal intervals of time. A standoff that is the same for
+/// all touches of a ball changes its radius alone.
+pub fn nominal_readings(plan: &Plan, machine_s: f64) -> Vec<Reading> {
+    let is_slow =
+        |step: &&Step| step.label.parse::<Label>().is_ok_and(|label| label.pass == Pass::Slow);
+    let steps: Vec<&Step> = plan.steps.iter().filter(is_slow).collect();
+    let interval_s = machine_s / steps.len().max(1) as f64;
+    let reading = |(i, step): (usize, &&Step)| Reading {
+        step: step.id,
+        repeat: 0,
+        position: step.from.clone(),
+        value_mm: None,
+        sensor: step.sensor().to_owned(),
+        t_s: interval_s * i as f64,
+        flag: Flag::None,
+        temperatures_c: Default::default(),
+    };
+    steps.iter().enumerate().map(reading).collect()
+}

@@ -1,0 +1,28 @@
+//! What a plan will reach, by the estimate of nominal readings.
+
+use super::declared::repeatability_mm;
+use machine::record::estimate::{Estimate, Parameter};
+use machine::record::machine::Probe;
+use machine::record::plan::Plan;
+
+/// The plan with a declared repeatability: residuals of nominal readings show none.
+pub fn with_repeatability(plan: &Plan) -> Plan {
+    let repeatability_um = Some(repeatability_mm(plan) * 1e3);
+    Plan { probe: Probe { repeatability_um, ..plan.probe.clone() }, ..plan.clone() }
+}
+
+/// That it is assumed, where `plan` does not declare it.
+pub fn assumed_repeatability(plan: &Plan) -> Option<String> {
+    let assumed_um = repeatability_mm(plan) * 1e3;
+    plan.probe.repeatability_um.is_none().then(|| {
+        format!("assumed for the expected U: repeatability_um = {assumed_um} of a touch; state it in [probe]")
+    })
+}
+
+/// U of the parameters that are `of_interest`.
+pub fn expected(estimate: &Estimate, of_interest: impl Fn(&Parameter) -> bool) -> Option<String> {
+    let list = estimate.parameters.iter().filter(|parameter| of_interest(parameter));
+    let list = list.map(|p| format!("{} {:.1} {}", p.symbol, p.expanded, p.unit.symbol()));
+    let list: Vec<String> = list.collect();
+    (!list.is_empty()).then(|| format!("expected U: {}", list.join(", ")))
+}
