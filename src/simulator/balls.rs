@@ -9,7 +9,7 @@ use super::drawn::{self, LengthDraw};
 use super::nearest::Nearest;
 use super::truth::Truth;
 use machine::frame::unit_vector;
-use machine::record::artefact;
+use machine::record::artefact::{self, REFERENCE_C};
 
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Balls {
@@ -43,6 +43,9 @@ impl Balls {
         if balls.is_empty() || !balls.iter().all(Ball::is_sound) {
             return Err(WorldError::Balls);
         }
+        let [expansion, u_expansion] = stated.expansion();
+        let longer = 1.0 + expansion + u_expansion * drawn::artefact_temperature(truth.seed);
+        balls.iter_mut().for_each(|ball| ball.centre *= longer);
         hold_lengths(&mut balls, stated, truth);
         Ok(Self { balls })
     }
@@ -198,7 +201,8 @@ const LENGTH_ROUNDS: usize = 1000;
 
 fn true_length(number: usize, length: &artefact::Length, truth: &Truth) -> f64 {
     let LengthDraw { certificate, temperature } = drawn::length(truth.seed, number);
-    let warmer = length.temperature_c.unwrap_or(20.0) - 20.0 + length.u_temperature_k * temperature;
+    let warmer = length.temperature_c.unwrap_or(REFERENCE_C) - REFERENCE_C
+        + length.u_temperature_k * temperature;
     let certified = length.mm + length.u_mm * certificate;
     certified
         * (1.0 + length.expansion_um_per_m_k * 1e-6 * warmer)

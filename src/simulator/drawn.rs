@@ -31,6 +31,7 @@ pub(super) enum Source {
     DeclaredMotion,
     Asynchronous,
     Backlash,
+    ArtefactTemperature,
 }
 
 /// Standard normal numbers of one source.
@@ -158,6 +159,11 @@ pub(super) struct LengthDraw {
 pub(super) fn length(seed: u64, number: usize) -> LengthDraw {
     let draw = |part| first_normal(seed, Source::Length, &[number as u64, part]);
     LengthDraw { certificate: draw(0), temperature: draw(1) }
+}
+
+/// Of the whole artefact, in standard uncertainties.
+pub(super) fn artefact_temperature(seed: u64) -> f64 {
+    first_normal(seed, Source::ArtefactTemperature, &[])
 }
 
 /// Pre-travel of the probe over the direction of the contact normal, spindle frame.

@@ -3,6 +3,9 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Temperature at which dimensions are certified (ISO 1), °C.
+pub const REFERENCE_C: f64 = 20.0;
+
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub enum Artefact {
@@ -66,9 +69,27 @@ pub struct Balls {
     /// calibrated their places.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub certificate_u_mm: Option<f64>,
+    /// Coefficient of expansion of what the balls stand on; absent: 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expansion_um_per_m_k: Option<f64>,
+    /// Temperature of the artefact during the measurement; absent: 20 °C, at which the centres are certified.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature_c: Option<f64>,
+    /// Standard uncertainty of that temperature; absent: 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub u_temperature_k: Option<f64>,
     /// How far the true centres may lie from the stated ones.
     #[serde(default = "default_uncertainty")]
     pub uncertainty_mm: f64,
+}
+
+impl Balls {
+    /// Of each mm between two certified centres, mm: at the stated temperature, and its standard uncertainty.
+    pub fn expansion(&self) -> [f64; 2] {
+        let per_k = self.expansion_um_per_m_k.unwrap_or_default() * 1e-6;
+        let above_k = self.temperature_c.map_or(0.0, |celsius| celsius - REFERENCE_C);
+        [per_k * above_k, (per_k * self.u_temperature_k.unwrap_or_default()).abs()]
+    }
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -67,6 +67,8 @@ pub fn estimate(
     let mut sources = of_readings;
     let u_mm = setup.balls.certificate_u_mm.unwrap_or_default();
     sources.push(sources::certificate(&model, u_mm));
+    sources.push(sources::temperature(&model, setup.balls));
+    sources.retain(|source| !source.is_zero());
     sources.extend(known.as_ref().and_then(|known| sources::prior(&model, known)));
     let best = &variants[judged.or_else(|| place(&variants, "N3")).unwrap_or(0)];
     let compared = judged.map_or(Vec::new(), |i| compared(&observed, &variants[i], &weights));

@@ -17,7 +17,7 @@ pub struct Points {
     at: Vec<Position>,
     /// Index of the ball.
     pub ball: Vec<usize>,
-    /// Its certified place, artefact frame, mm.
+    /// Its certified place at the temperature of the artefact, artefact frame, mm.
     pub certified: Vec<Vector3<f64>>,
     /// From a change of X, Y, Z to the change in the table frame, nominal machine.
     pub into_table: Vec<Matrix3<f64>>,
@@ -30,7 +30,8 @@ impl Points {
             .iter()
             .map(|c| observed.places[c.place].updated_by(&Position::from_xyz(c.xyz)))
             .collect();
-        let certified = |ball: usize| Vector3::from(balls.balls[ball].centre_mm);
+        let longer = 1.0 + balls.expansion()[0];
+        let certified = |ball: usize| longer * Vector3::from(balls.balls[ball].centre_mm);
         Self {
             stylus,
             ball: centres.iter().map(|centre| centre.ball).collect(),

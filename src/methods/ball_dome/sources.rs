@@ -6,9 +6,10 @@ use crate::ball_measurement::{
 };
 use crate::identification::KnownErrors;
 use crate::identification::{
-    InResiduals, ObservationModel as _, ObservationRun, UncertaintySource,
+    Effect, InResiduals, ObservationModel as _, ObservationRun, UncertaintySource,
 };
 use machine::kinematics::Chain;
+use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 
 /// Those of the readings alone: they give the weights.
@@ -31,6 +32,19 @@ pub fn certificate(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource {
             "certificate of the balls",
             nonzero_runs((0..coordinates).map(run)),
         )
+    }
+}
+
+/// The artefact is warmer than stated: all distances between the balls are longer.
+pub fn temperature(model: &DomeModel<'_>, balls: &Balls) -> UncertaintySource {
+    let mut column = vec![0.0; model.observations()];
+    let coordinates = balls.balls.iter().flat_map(|ball| ball.centre_mm);
+    let certified = column.iter_mut().skip(model.certified_at(0));
+    certified.zip(coordinates).for_each(|(change, mm)| *change = balls.expansion()[1] * mm);
+    UncertaintySource {
+        in_residuals: InResiduals::Expected,
+        is_in_weights: false,
+        ..UncertaintySource::new("temperature of the artefact", Effect::Joint(vec![column]))
     }
 }
 

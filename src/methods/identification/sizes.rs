@@ -1,6 +1,7 @@
 //! The keys of the machine file that size the lines of a budget: which line is assumed, and how it depends on its size.
 
 use machine::Axis;
+use machine::record::artefact::{Artefact, Balls};
 use machine::record::estimate::{BudgetLine, Estimate};
 use machine::record::machine::AxisSpec;
 use machine::record::plan::Plan;
@@ -20,7 +21,7 @@ const fn sized(line: &'static str, key: &'static str, size: fn(&Plan) -> f64) ->
     Sized { line, key, size }
 }
 
-const SIZES: [Sized; 15] = [
+const SIZES: [Sized; 17] = [
     sized("repeatability of a touch", "probe.repeatability_um", |plan| {
         plan.probe.repeatability_um.unwrap_or_default()
     }),
@@ -46,8 +47,14 @@ const SIZES: [Sized; 15] = [
     sized("squareness of X, Y and Z", "machine.squareness_urad", |plan| {
         plan.machine.squareness_urad
     }),
-    sized("temperature of the certified length", "u_temperature_k", |_| 0.0),
-    sized("temperature of the certified length", "expansion_um_per_m_k", |_| 0.0),
+    sized("temperature of the certified length", "artefact.lengths.u_temperature_k", |_| 0.0),
+    sized("temperature of the certified length", "artefact.lengths.expansion_um_per_m_k", |_| 0.0),
+    sized("temperature of the artefact", "artefact.u_temperature_k", |plan| {
+        balls(plan).and_then(|balls| balls.u_temperature_k).unwrap_or_default()
+    }),
+    sized("certificate of the balls", "artefact.certificate_u_mm", |plan| {
+        balls(plan).and_then(|balls| balls.certificate_u_mm).unwrap_or_default()
+    }),
     sized("noise of the sensor", "sensor.noise_um", |plan| {
         plan.sensors.iter().filter_map(|sensor| sensor.noise_um).fold(0.0, f64::max)
     }),
@@ -65,6 +72,13 @@ fn largest(plan: &Plan, is_meant: fn(&Axis) -> bool, of: fn(&AxisSpec) -> f64) -
 
 fn linear(plan: &Plan, of: fn(&AxisSpec) -> f64) -> f64 {
     largest(plan, |axis| axis.is_linear(), of)
+}
+
+fn balls(plan: &Plan) -> Option<&Balls> {
+    match &plan.artefact {
+        Artefact::Balls(balls) => Some(balls),
+        _ => None,
+    }
 }
 
 fn resolution(plan: &Plan) -> f64 {

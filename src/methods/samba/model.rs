@@ -4,12 +4,10 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::separable::Way;
 use machine::kinematics::{Chain, ErrorParameter, ErrorTerm, KinematicsError};
-use machine::record::artefact::Length;
+use machine::record::artefact::{Length, REFERENCE_C};
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
 
-/// Temperature that lengths are certified at, °C (ISO 1).
-const REFERENCE_C: f64 = 20.0;
 /// Distance at which the change over a linear axis is taken, mm: a power of two, so that dividing by
 /// it does not round.
 const REACH: f64 = 256.0;

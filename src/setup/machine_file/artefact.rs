@@ -112,6 +112,9 @@ fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileEr
             "must be greater than 0 and at most 0.1: half of the certificate's U (k = 2), in mm",
         ));
     }
+    if balls.u_temperature_k.is_some_and(|u| u < 0.0) {
+        return Err(wrong("u_temperature_k", "must not be negative"));
+    }
     if balls.uncertainty_mm < 0.0 {
         return Err(wrong("uncertainty_mm", "must not be negative"));
     }

@@ -57,9 +57,19 @@ pub fn fill(
     Ok(assumed)
 }
 
-/// The same of the certified lengths of `artefact` whose temperature is not stated, in `assumed`.
-pub fn fill_lengths(artefact: &mut Artefact, assumed: &mut Vec<String>) {
+/// The same of certified lengths and centres of `artefact` whose temperature is not stated, in `assumed`.
+pub fn fill_temperatures(artefact: &mut Artefact, assumed: &mut Vec<String>) {
     let Artefact::Balls(balls) = artefact else { return };
+    if balls.certificate_u_mm.is_some() && balls.temperature_c.is_none() {
+        let mut fill = |key: &str, value: &mut Option<f64>, size: f64| {
+            if value.is_none() {
+                *value = Some(size);
+                assumed.push(format!("artefact.{key}"));
+            }
+        };
+        fill("u_temperature_k", &mut balls.u_temperature_k, TEMPERATURE_K);
+        fill("expansion_um_per_m_k", &mut balls.expansion_um_per_m_k, EXPANSION_UM_PER_M_K);
+    }
     for length in balls.lengths.iter_mut().filter(|length| length.temperature_c.is_none()) {
         let mut fill = |key: &str, value: &mut f64, size: f64| {
             if *value == 0.0 {
@@ -140,6 +150,20 @@ mod tests {
         assert_eq!(length.expansion_um_per_m_k, 1.2);
         let expansion = documented("[[artefact.lengths]] expansion_um_per_m_k");
         assert_eq!(expansion, super::EXPANSION_UM_PER_M_K);
+    }
+
+    #[test]
+    fn a_certified_dome_without_a_temperature_is_not_at_20_degrees() {
+        const DOME: &str = include_str!("../../../config/ball-dome.toml");
+        let keys = ["temperature_c", "u_temperature_k", "expansion_um_per_m_k"];
+        let is_left = |line: &&str| !keys.iter().any(|key| line.starts_with(key));
+        let text: String = DOME.lines().filter(is_left).map(|line| format!("{line}\n")).collect();
+        let file = MachineFile::parse("shop.toml", text).unwrap();
+        assert_eq!(file.assumed, ["artefact.u_temperature_k", "artefact.expansion_um_per_m_k"]);
+        let Artefact::Balls(balls) = &file.artefact else { panic!("balls") };
+        let sizes = (balls.u_temperature_k.unwrap(), balls.expansion_um_per_m_k.unwrap());
+        let keys = ["[artefact] u_temperature_k", "[artefact] expansion_um_per_m_k"];
+        assert_eq!(sizes, (documented(keys[0]), documented(keys[1])));
     }
 
     #[test]

@@ -132,7 +132,7 @@ impl MachineFile {
         check::solids(&document, &solids, &machine)?;
         let mut artefact = artefact::read(&document, beside)?;
         check::artefact(&document, &artefact)?;
-        assumed::fill_lengths(&mut artefact, &mut assumed);
+        assumed::fill_temperatures(&mut artefact, &mut assumed);
         let prompts = prompt::read(&document, &machine)?;
         let controller = controller::read(&document)?;
         let tolerance = tolerance::read(&document)?;

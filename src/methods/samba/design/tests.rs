@@ -34,6 +34,9 @@ pub fn rumba() -> Balls {
     let length: Length = serde_json::from_str(length).unwrap();
     Balls {
         certificate_u_mm: None,
+        expansion_um_per_m_k: None,
+        temperature_c: None,
+        u_temperature_k: None,
         balls: RUMBA.iter().enumerate().map(ball).collect(),
         lengths: vec![length],
         uncertainty_mm: 1.0,

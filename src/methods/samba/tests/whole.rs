@@ -132,6 +132,9 @@ impl World {
         };
         let balls = Balls {
             certificate_u_mm: None,
+            expansion_um_per_m_k: None,
+            temperature_c: None,
+            u_temperature_k: None,
             balls: paper_balls().into_iter().enumerate().map(ball).collect(),
             lengths: if self.bar_mm > 0.0 { vec![bar] } else { Vec::new() },
             uncertainty_mm: 2.0,
