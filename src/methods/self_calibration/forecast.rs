@@ -31,6 +31,9 @@ pub fn forecast(
     let again = readings.iter().filter(|one| one.repeat == 0 && unchecked.contains(&one.step));
     let again: Vec<Reading> =
         again.map(|one| Reading { repeat: settings.repeats, ..one.clone() }).collect();
+    let repeated = (!again.is_empty()).then(|| {
+        format!("touches that no other touch checks, made once more at the end: {}", again.len())
+    });
     readings.extend(again);
     let interval_s = machine_s / readings.len().max(1) as f64;
     for (number, reading) in readings.iter_mut().enumerate() {

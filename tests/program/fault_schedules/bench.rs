@@ -81,7 +81,7 @@ pub struct Bench {
 impl Bench {
     pub fn new() -> Self {
         let text = include_str!("../../../config/simulated.toml").to_owned()
-            + "\n[method.self-calibration]\npositions = 5\n";
+            + "\n[method.self-calibration]\npositions = 8\nreferences = false\n";
         let shm = std::path::Path::new("/dev/shm");
         let folder = if shm.is_dir() { tempfile::tempdir_in(shm) } else { tempfile::tempdir() };
         let folder = folder.unwrap();

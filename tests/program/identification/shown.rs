@@ -83,7 +83,7 @@ pub fn a_stopped_identification_is_made_up_for() {
     let daemon = shop.serve("fast");
     let http = daemon.http();
     assert_eq!(http.start(1), 202);
-    daemon.wait_for_log("identifying from 45 readings");
+    daemon.wait_for_log("identifying from 46 readings");
     assert_eq!(http.post("hold", &json!({})).0, 202);
     http.wait_until(|standing| standing["result"]["run"] == 1);
     let told = "run 1 is measured and kept, but not identified: stopped during the identification";
@@ -93,7 +93,7 @@ pub fn a_stopped_identification_is_made_up_for() {
 
     let daemon = shop.serve("fast");
     assert_eq!(daemon.http().start(1), 202);
-    daemon.wait_for_log("identifying from 45 readings");
+    daemon.wait_for_log("identifying from 46 readings");
     assert_eq!(daemon.terminate(), 0);
     assert_eq!(shop.states(), ["finished", "not identified"]);
     let daemon = shop.serve("fast");
