@@ -1,4 +1,4 @@
-//! Two stored runs beside each other.
+//! Comparison of two stored runs.
 
 use serde::Serialize;
 
@@ -22,7 +22,7 @@ pub enum CompareError {
 }
 
 impl CompareError {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Store(error) => error.remedy(),
@@ -42,18 +42,19 @@ pub struct Comparison {
     pub runs: [RunSummary; 2],
     pub differences: Vec<Difference>,
     pub functions: Vec<FunctionDifference>,
-    /// Sources of uncertainty that have the same value in both runs: they cancel in `differences`.
+    /// Sources of uncertainty with the same value in both runs: they cancel in `differences`.
     pub common_sources: Vec<String>,
-    /// What else is not the same, in words.
+    /// Other differences between the runs, in words.
     pub besides: Vec<String>,
 }
 
-/// The last estimates of two runs. Sources of uncertainty that both runs share are common to them only if machine,
-/// method, settings, probe and artefact are the same and no person mounts anything: in another plan the same source
-/// has another effect.
+/// Compares the last estimates of two runs. A source of uncertainty of both runs is common to them only if
+/// machine, method, settings, probe and artefact are the same and no person mounts anything: in another plan
+/// the same source has another effect.
 ///
 /// # Errors
-/// No such run, no estimate, nothing in common, or other units alone.
+/// A run or an estimate does not exist, or the estimates have no quantity in common or only quantities in
+/// different units.
 pub fn compare(journal: &Journal, first: RunId, second: RunId) -> Result<Comparison, CompareError> {
     let [one, other] = [journal.load(first)?, journal.load(second)?];
     let last = |run: &StoredRun| {
@@ -85,10 +86,11 @@ pub fn compare(journal: &Journal, first: RunId, second: RunId) -> Result<Compari
     Ok(Comparison { runs, differences, functions, common_sources, besides })
 }
 
-/// Heights are the same up to this.
+/// Maximum difference of equal heights, mm.
 const SAME_HEIGHT_MM: f64 = 0.5;
 
-/// Nothing is mounted anew between them: a sensor or sphere that a person clamps has another offset each time.
+/// Whether both runs have the same set-up. A sensor or sphere that a person mounts has another offset each
+/// time.
 fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
     let (a, b) = (&one.plan, &other.plan);
     let is_mounted = |plan: &Plan| {
@@ -100,14 +102,14 @@ fn is_same_setup(one: &StoredRun, other: &StoredRun) -> bool {
             == (&b.method, &b.machine, &b.settings, &b.probe, &b.artefact)
 }
 
-/// Functions state u alone: as in the report, the coverage factor is the largest of the parameters.
+/// Largest coverage factor of the parameters, as in the report: functions state u alone.
 fn largest_k(estimates: [&Estimate; 2]) -> f64 {
     let parameters = estimates.into_iter().flat_map(|estimate| &estimate.parameters);
     let finite = parameters.filter(|p| p.identifiable && p.k.is_finite());
     finite.map(|parameter| parameter.k).reduce(f64::max).unwrap_or(2.0)
 }
 
-/// Symbols of parameters and functions that both have, in other units.
+/// Symbols of parameters and functions of both estimates whose units differ.
 fn in_other_units(one: &Estimate, other: &Estimate) -> Vec<String> {
     let parameters = |of: &Estimate| -> Vec<_> {
         of.parameters.iter().map(|p| (p.symbol.clone(), p.unit)).collect()
@@ -124,7 +126,7 @@ fn in_other_units(one: &Estimate, other: &Estimate) -> Vec<String> {
     differing.map(|(symbol, _)| symbol).collect()
 }
 
-/// Displacements of an axis that tilts depend on the height.
+/// Functions at different heights: displacements of a tilting axis depend on the height.
 fn other_heights(one: &Estimate, other: &Estimate) -> Vec<String> {
     let differing = one.functions.iter().filter_map(|function| {
         let same = other.functions.iter().find(|other| other.symbol == function.symbol)?;

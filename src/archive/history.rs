@@ -1,4 +1,4 @@
-//! A machine's values over its runs.
+//! Values of a machine over its runs.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use machine::record::estimate::{Limit, Parameter, Unit};
 use machine::record::reading::Temperatures;
 use methods::decision::trend::{self, Kind, Point, Told, Trend};
 
-/// What one finished run said of one value.
+/// One parameter of one finished run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Value {
     pub run: RunId,
@@ -21,27 +21,27 @@ pub struct Value {
     /// Expanded uncertainty.
     #[serde(rename = "U")]
     pub expanded: f64,
-    /// Of each thermometer the mean over the run; without those that nobody knows.
+    /// Mean of each thermometer over the run; thermometers without a value are left out.
     pub temperatures_c: Temperatures,
 }
 
-/// One value of one method over the finished runs looked at in which it was identified, oldest first.
+/// One parameter of one method over the finished runs that identified it, oldest first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Series {
     pub method: String,
     pub symbol: String,
     pub unit: Unit,
-    /// The value's magnitude may be this at most, as the machine file has it now.
+    /// Maximum magnitude of the value, by the present machine file.
     pub tolerance: Option<f64>,
     pub values: Vec<Value>,
     pub trend: Trend,
 }
 
-/// Runs of each method that a history goes back: twice what changes are looked for in.
+/// Maximum number of runs of each method in a history: twice the number that is searched for changes.
 const NEWEST: u32 = 200;
 
-/// All series of `machine` over the newest [`NEWEST`] finished runs of each method, those of a method
-/// together, in the order in which they first came.
+/// All series of `machine` over the newest [`NEWEST`] finished runs of each method, grouped by method, in the
+/// order of their first value.
 ///
 /// # Errors
 /// The journal cannot be read.
@@ -56,7 +56,7 @@ pub fn history(
     Ok(all.into_iter().map(|known| series(known, tolerance)).collect())
 }
 
-/// Of one value so far, by method, symbol and unit.
+/// Values of one parameter so far, with method, symbol and unit.
 type Known = (String, String, Unit, Vec<Value>);
 
 fn take(all: &mut Vec<Known>, measured: Measured) {
@@ -87,7 +87,7 @@ fn series((method, symbol, unit, values): Known, tolerance: &[Limit]) -> Series 
     Series { method, symbol, unit, tolerance, values, trend }
 }
 
-/// What changed within the last `days`, in one sentence; days are those of this computer's time zone.
+/// The changes of the last `days` in one sentence; days in this computer's time zone.
 pub fn what_changed(all: &[Series], days: u32) -> String {
     let told: Vec<Told<'_>> = all.iter().map(told).collect();
     let since = Timestamp::now().as_duration() - SignedDuration::from_hours(24 * i64::from(days));
@@ -105,13 +105,13 @@ fn told(series: &Series) -> Told<'_> {
     Told { symbol: &series.symbol, unit: series.unit.symbol(), trend: &series.trend }
 }
 
-/// Its values as a figure, as seen at `now`; `None` if there is nothing to draw.
+/// Chart of a series as of `now`; `None` if there is nothing to draw.
 pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
     let before_s = |at: Timestamp| at.duration_since(now).as_secs_f64();
     let values = &in_time(series);
     let at = |index: usize| values.get(index).map(|value| before_s(value.started));
     let steps = series.trend.changes.iter().filter(|change| change.kind == Kind::Step);
-    // Between the last value before and the first one after.
+    // Halfway between the last value before the step and the first one after it.
     let between = |first: usize| Some((at(first.checked_sub(1)?)? + at(first)?) / 2.0);
     let from = steps.clone().map(|step| step.first).max().unwrap_or(0);
     let figure = Individuals {
@@ -128,7 +128,7 @@ pub fn chart(series: &Series, now: Timestamp) -> Option<String> {
     figure.draw(series.unit)
 }
 
-/// Of each thermometer that any of `values` knows.
+/// Temperatures of each thermometer with a value in `values`.
 fn temperatures(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> report::Temperatures {
     let named = values.iter().flat_map(|value| value.temperatures_c.iter());
     let names: BTreeSet<&str> = named.map(|(name, _)| name).collect();
@@ -139,7 +139,7 @@ fn temperatures(values: &[Value], before_s: impl Fn(Timestamp) -> f64) -> report
     names.into_iter().map(of).collect()
 }
 
-/// Its values at the times at which they can have been measured, see [`Trend::of`].
+/// Values at the times at which they can have been measured, see [`Trend::of`].
 fn in_time(series: &Series) -> Vec<Value> {
     let at = |point: &Point| {
         Timestamp::from_duration(SignedDuration::from_secs_f64(point.t_s)).unwrap_or_default()

@@ -1,5 +1,5 @@
-//! What the journal holds, for people: how a run went, its report, a machine's history.
-//! Nothing is measured and nothing is written here.
+//! Data of the journal, prepared for display: events of a run, its report, a machine's history. This module
+//! neither measures nor writes.
 
 pub mod compare;
 pub mod history;

@@ -1,4 +1,4 @@
-//! The report of a stored run.
+//! Report of a stored run.
 
 use super::story::{signed, story};
 use super::volume::volume;
@@ -18,7 +18,7 @@ pub enum ReportError {
 }
 
 impl ReportError {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Store(error) => error.remedy(),
@@ -28,10 +28,10 @@ impl ReportError {
     }
 }
 
-/// HTML of the last estimate of `run`.
+/// HTML report of the last estimate of `run`.
 ///
 /// # Errors
-/// No such run, or nothing identified yet.
+/// The run does not exist, or it has no estimate yet.
 pub fn report(journal: &Journal, run: RunId) -> Result<String, ReportError> {
     let stored = journal.load(run)?;
     let last = stored.estimates.last().ok_or(ReportError::NoEstimate(run))?;

@@ -1,10 +1,10 @@
-//! What a stored run has been through, in words.
+//! Events of a stored run, in words.
 
 use crate::store::{RunId, RunState, RunSummary, Signature, StoredRun};
 use machine::record::event::Event;
 use machine::record::machine::Homing;
 
-/// What happened on the way: stops, faults, who let it go on; when, and in words.
+/// Stops, faults and acknowledgements of a run, each with its time.
 pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
     let told = |event: &Event| match event {
         Event::Held { reason } => Some(format!("held: {reason}")),
@@ -27,7 +27,7 @@ pub fn story(stored: &StoredRun) -> Vec<(String, String)> {
     events.chain(signed).collect()
 }
 
-/// Who answers for the last estimate, in words; a signature under an earlier one does not count.
+/// Signatures of the last estimate, in words; signatures of earlier estimates are left out.
 pub fn signed(stored: &StoredRun) -> Vec<String> {
     let of_last = stored.signatures.iter().filter(|(_, signature)| is_of_last(stored, signature));
     of_last.map(|(at, signature)| format!("{} on {at:.0}", by(signature))).collect()
@@ -44,7 +44,7 @@ fn by(Signature { who, remark, .. }: &Signature) -> String {
     }
 }
 
-/// The last word of a run that did not come to its end.
+/// The reason why an incomplete run ended.
 pub fn how_it_ended(stored: &StoredRun) -> String {
     let (id, state) = (stored.summary.id, stored.summary.state);
     let last = stored.events.iter().rev().find_map(|(_, event)| match event {
@@ -63,8 +63,8 @@ pub fn how_it_ended(stored: &StoredRun) -> String {
     format!("run {id} is {} after {} readings: {why}", state.as_str(), stored.readings.len())
 }
 
-/// Why the identification of a measured run failed, with the remedy; `None` if it never failed: its process
-/// ended first, or it is computed now.
+/// Reason why the identification of a completed measurement failed, with the remedy; `None` if no
+/// identification has failed: the process ended first, or the computation is in progress.
 pub fn identification_fault(stored: &StoredRun) -> Option<String> {
     let events = stored.events.iter().rev().map(|(_, event)| event);
     let mut since =
@@ -75,8 +75,8 @@ pub fn identification_fault(stored: &StoredRun) -> Option<String> {
     })
 }
 
-/// Whether the control may not know where its axes are, since the run last went on. An axis without a homing
-/// switch may have lost its zero in any interruption, and no control reports that.
+/// Whether the control may have lost the position of an axis since the run was last resumed. An axis without a
+/// homing switch may have lost its zero in any interruption, and no control reports that.
 pub fn position_lost(stored: &StoredRun) -> bool {
     if stored.plan.machine.axes.values().any(|axis| axis.homing == Homing::None) {
         return true;
@@ -86,19 +86,20 @@ pub fn position_lost(stored: &StoredRun) -> bool {
     since.any(|event| matches!(event, Event::Faulted { position_lost: true, .. }))
 }
 
-/// Whether a person has looked since it was stopped and left it as it is: then nobody is waited for. Who
-/// only wanted to let it go on has not.
+/// Whether a person has acknowledged the stop and abandoned the run: no further action is expected. An
+/// acknowledgement for a resume does not count.
 pub fn is_left(stored: &StoredRun) -> bool {
     let last = stored.events.iter().rev().find_map(|(_, event)| match event {
         Event::Acknowledged { leaves, .. } => Some(*leaves),
-        // Words, and what was done to it long after.
+        // Messages, and the later removal of samples.
         Event::Announced { .. } | Event::SamplesRemoved { .. } => None,
         _ => Some(false),
     });
     last.unwrap_or(false)
 }
 
-/// Whether a stopped run goes on, in words. `can_resume`: its references were measured.
+/// Command that resumes a stopped run, or the reason why it cannot be resumed. `can_resume`: its references
+/// were measured.
 pub fn goes_on(run: RunId, can_resume: bool, position_lost: bool) -> String {
     match (can_resume, position_lost) {
         (true, true) => format!(
@@ -114,7 +115,7 @@ pub fn goes_on(run: RunId, can_resume: bool, position_lost: bool) -> String {
     }
 }
 
-/// What a person can do with a run in its state. `can_resume` as in [`goes_on`].
+/// Next action that is possible for a run in its state. `can_resume` as in [`goes_on`].
 pub fn way_on(stored: &StoredRun, can_resume: bool) -> Option<String> {
     let RunSummary { id, state, method, .. } = &stored.summary;
     match state {

@@ -42,7 +42,7 @@ fn estimate(values: &[(&str, f64, bool)]) -> Estimate {
     estimate
 }
 
-/// Finished runs of this machine alone, of each its last estimate, and of that what was identified.
+/// Finished runs of this machine only; the last estimate of each, with its identified parameters.
 #[test]
 fn a_history_is_what_finished_runs_last_said() {
     let dir = tempfile::tempdir().unwrap();
@@ -78,15 +78,15 @@ fn a_history_is_what_finished_runs_last_said() {
         .collect();
     let wanted = format!("samba EX0C {first}:2 {last}:6");
     assert_eq!(told, ["laser-r-test EX0C 5:5", wanted.as_str()]);
-    // Of each method so many of the newest.
+    // The newest runs of each method, limited in number.
     let mut newest = Vec::new();
     journal.measured("mill", 1, |measured| newest.push((measured.method, measured.run))).unwrap();
     let laser = RunId(last.0 - 1);
     assert_eq!(newest, [("laser-r-test".to_owned(), laser), ("samba".to_owned(), last)]);
 }
 
-/// The newest run has the date of a clock that was set back: it is the newest all the same, in the limits as
-/// in the figure.
+/// The newest run was dated by a clock that was set back. It still counts as the newest, both in the limits and
+/// in the chart.
 #[test]
 fn a_run_with_a_wrong_date_stands_where_it_was_measured() {
     let dir = tempfile::tempdir().unwrap();
@@ -104,11 +104,11 @@ fn a_run_with_a_wrong_date_stands_where_it_was_measured() {
     assert_eq!(series.trend.is_out(), Some(true));
     assert!(series.trend.individuals.unwrap().limits()[1] < 10.0, "{:?}", series.trend.individuals);
     let svg = chart(&series, jiff::Timestamp::now()).unwrap();
-    // Not 56 years wide: all were measured within this test.
+    // Not 56 years wide: all runs were measured within this test.
     assert!(svg.contains("seconds before now") || svg.contains("minutes before now"), "{svg}");
 }
 
-/// A name stands under one estimate, for good: identified again, the run shows as not signed.
+/// A signature belongs to one estimate: after another identification the run is not signed.
 #[test]
 fn a_signature_speaks_for_the_estimate_that_was_signed() {
     let dir = tempfile::tempdir().unwrap();
@@ -187,7 +187,7 @@ fn runs_are_compared_where_they_have_something_in_common() {
     assert!(matches!(compare(&journal, one, RunId(9)), Err(CompareError::Store(_))));
 }
 
-/// A control that was switched off meanwhile reports 0 wherever such an axis stands.
+/// A control that was switched off meanwhile reports 0 at any position of such an axis.
 #[test]
 fn an_axis_without_a_homing_switch_may_have_lost_its_zero_in_any_stop() {
     let dir = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! How far off the tool is over the volume, by the errors that a run has found.
+//! Position error of the tool over the volume, from the errors that a run has estimated.
 
 use crate::report::ErrorMap;
 use machine::record::estimate::Estimate;
@@ -6,7 +6,7 @@ use machine::record::machine::Machine;
 use machine::{Axis, Position};
 use methods::prediction::{Predictor, Slice, WorkZero};
 
-/// Sentences, and maps before a correction and after it; `None` of an estimate without errors of the axes.
+/// Sentences, and maps before and after a correction; `None` for an estimate without axis errors.
 pub fn volume(machine: &Machine, estimate: &Estimate) -> Option<(Vec<String>, Vec<ErrorMap>)> {
     let predictor = Predictor::new(machine, estimate, WorkZero::OnTable).ok()?;
     let poses = predictor.volume().ok()?;

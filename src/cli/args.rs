@@ -1,4 +1,4 @@
-//! What can be typed.
+//! Arguments of the command line.
 
 use std::path::PathBuf;
 
@@ -13,7 +13,7 @@ use devices::controllers::linuxcnc;
 #[derive(Debug, Parser)]
 #[command(name = "trued", version, about, color = clap::ColorChoice::Never)]
 pub struct Cli {
-    /// Where journal and locks are kept [default: $STATE_DIRECTORY, then the user's state folder].
+    /// Directory of journal and locks [default: $STATE_DIRECTORY, then the user's state folder].
     #[arg(long, global = true, value_name = "DIR")]
     pub state: Option<PathBuf>,
     #[command(subcommand)]
@@ -24,51 +24,51 @@ pub struct Cli {
 pub enum Command {
     /// Measure, identify, judge and store.
     Run(RunArgs),
-    /// Wait for triggers from the machine, as [serve] in the machine file allows; run, judge, wait.
+    /// Wait for triggers from the machine, as [serve] in the machine file allows; run and judge the cycles.
     Serve(ServeArgs),
-    /// Does the machine do what its file says? Part by part, with a person beside it; the simulated
-    /// machine without one.
+    /// Check that the machine agrees with its machine file, part by part, with an operator at the machine. A
+    /// simulated machine needs no operator.
     Check(CheckArgs),
-    /// Go on with a run that was stopped or interrupted, once a person has looked at the machine; or identify
-    /// one that was measured to its end, without motion.
+    /// Resume a run that was stopped or interrupted, once a person has checked the machine; or identify a run
+    /// that was measured to its end, without motion.
     Resume(ResumeArgs),
     /// Print what would be measured; nothing moves.
     Plan(PlanArgs),
     /// Turn readings into an estimate.
     Identify(IdentifyArgs),
-    /// Write a commented machine file from what the control says of itself; nothing moves.
+    /// Write a commented machine file from the data that the control reports; nothing moves.
     Init(InitArgs),
-    /// Show what a sensor says, sample by sample; nothing moves.
+    /// Show the samples of a sensor; nothing moves.
     Watch(WatchArgs),
     /// Serve the simulated machine on a pseudo-terminal, for any program to drive.
     Simulate(SimulateArgs),
     /// List the stored runs.
     Runs(RunsArgs),
-    /// Tell how a machine's values went over its runs, and what changed.
+    /// Show the values of a machine over its runs, and what changed.
     Trend(TrendArgs),
-    /// Tell what a machine's schedule does when, who armed it, and what became of the last times.
+    /// Show the schedule of a machine, its armings and its last slots.
     Schedule(ScheduleArgs),
-    /// Let a cycle start by the schedule while nobody is there, until a time.
+    /// Allow the schedule to start a cycle unattended, until a time.
     Arm(ArmArgs),
-    /// Nothing of this machine starts by the schedule any more, until it is armed again.
+    /// Forbid the schedule to start anything on this machine until it is armed again.
     Disarm(DisarmArgs),
     /// Show one stored run.
     Show(ShowArgs),
     /// Compare the estimates of two stored runs: differences, their U, and E_n (ISO 13528).
     Compare(CompareArgs),
-    /// Tell how far the tool is off at given poses, by the errors of an estimate.
+    /// Compute the position error of the tool at given poses from an estimate.
     Predict(PredictArgs),
     /// Write plan, readings, estimate and report of a stored run to files.
     Export(ExportArgs),
     /// Copy the journal to one file, also while a daemon writes it; the copy is verified.
     Backup(BackupArgs),
-    /// Tokens, with which the page of `trued serve` and its interface are reached from elsewhere.
+    /// Manage the tokens for access from other computers to the page and interface of `trued serve`.
     Token(TokenArgs),
 }
 
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum Speed {
-    /// The simulated machine takes the time that a real one would.
+    /// The simulated machine needs the time of a real one.
     Real,
     /// Simulated time passes as fast as it can be computed.
     #[default]
@@ -82,38 +82,38 @@ pub struct RunArgs {
     /// The machine file; without one, the embedded simulated machine measures itself.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
-    /// Estimates that are taken as known.
+    /// Estimates whose values are taken as known.
     #[arg(long = "with", value_name = "EST.json")]
     pub with: Vec<PathBuf>,
     /// Measure the whole cycle this many times.
     #[arg(long, value_name = "N")]
     pub repeat: Option<u32>,
-    /// Your name, where a daemon has the machine and is asked for one of its cycles: you have looked at it, it
-    /// is free to be moved, in its automatic mode, its guards are closed. On a terminal you are asked for it.
-    /// By this name Enter answers what the run asks a person; otherwise by that of your login.
+    /// Your name, if a daemon has the machine and shall run one of its cycles: you have checked that the
+    /// machine may move, that it is in automatic mode and that its guards are closed. On a terminal the command
+    /// asks for the name. Enter confirms a prompt of the run under this name, otherwise under your login name.
     #[arg(long, value_name = "NAME")]
     pub acknowledge: Option<String>,
-    /// Nothing is opened and nothing moves: a capture answers as the devices did then. It is not
-    /// kept in the journal.
+    /// Replay a capture: nothing is opened and nothing moves, the capture contains the answers of the devices.
+    /// The replay is not kept in the journal.
     #[arg(long, value_name = "FILE", conflicts_with = "capture")]
     pub replay: Option<PathBuf>,
     #[command(flatten)]
     pub output: OutputArgs,
 }
 
-/// What comes out of a measurement, and how fast.
+/// Output of a measurement, and the pace of the simulation.
 #[derive(Debug, Args)]
 pub struct OutputArgs {
     /// Print the estimate as JSON.
     #[arg(long)]
     pub json: bool,
-    /// Write the report here.
+    /// Write the report to this file.
     #[arg(long, value_name = "FILE.html")]
     pub report: Option<PathBuf>,
-    /// Write every byte of every link here, with its time.
+    /// Write every byte of every link to this file, with its time.
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
-    /// Pace of the simulated machine, fast unless told; a real one has its own.
+    /// Pace of the simulated machine, by default fast; a real machine has its own.
     #[arg(long, value_enum)]
     pub speed: Option<Speed>,
 }
@@ -126,27 +126,27 @@ pub struct CheckArgs {
     /// Print the summary as JSON.
     #[arg(long)]
     pub json: bool,
-    /// Pace of the simulated machine; a real one has its own.
+    /// Pace of the simulated machine; a real machine has its own.
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
 }
 
 #[derive(Debug, Args)]
 pub struct ServeArgs {
-    /// What the daemon serves: its machines and its page.
+    /// File of the daemon: its machines and its page.
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
-    /// One machine alone: its file, with a section [serve]. Without either, the simulated machine is served,
-    /// with its page at 127.0.0.1:8137.
+    /// Machine file of a single machine, with a section [serve]. Without this and --config the simulated
+    /// machine is served, with its page at 127.0.0.1:8137.
     #[arg(long, value_name = "FILE", conflicts_with = "config")]
     pub machine: Option<PathBuf>,
-    /// Read every file and rehearse every cycle, then end: nothing is opened.
+    /// Read every file, rehearse every cycle, then exit: nothing is opened.
     #[arg(long)]
     pub check: bool,
     #[arg(long, value_enum, default_value = "fast")]
     pub speed: Speed,
-    /// Keep every byte of each run's links in a file of its own: FILE, with the run's number before its
-    /// ending.
+    /// Write every byte of each run's links to a file of its own: FILE, with the run's number before the file
+    /// extension.
     #[arg(long, value_name = "FILE")]
     pub capture: Option<PathBuf>,
 }
@@ -155,14 +155,14 @@ pub struct ServeArgs {
 pub struct ResumeArgs {
     /// Number of the run, as `trued runs` lists it.
     pub run: i64,
-    /// Your name: you have looked at the machine, its way is free and the stylus whole. On a
-    /// terminal you are asked for it.
+    /// Your name: you have checked the machine, its path is free and the stylus undamaged. On a terminal the
+    /// command asks for the name.
     #[arg(long, value_name = "NAME")]
     pub acknowledge: Option<String>,
-    /// All axes were homed since: asked for where the control may have lost its position.
+    /// All axes were homed since the stop; required if the control may have lost its position.
     #[arg(long, requires = "acknowledge")]
     pub homed: bool,
-    /// The machine file that the run began with, for comparison; without it, the stored one serves.
+    /// The machine file with which the run began, for comparison; without it, the stored one is used.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
     #[command(flatten)]
@@ -178,7 +178,7 @@ pub struct PlanArgs {
     /// Print the plan as JSON.
     #[arg(long, conflicts_with = "gcode")]
     pub json: bool,
-    /// Print the program of this dialect.
+    /// Print the program in this dialect.
     #[arg(long, value_name = "DIALECT")]
     pub gcode: Option<String>,
 }
@@ -188,8 +188,8 @@ pub struct IdentifyArgs {
     pub method: String,
     #[arg(long, value_name = "FILE.csv", required_unless_present = "run")]
     pub readings: Option<PathBuf>,
-    /// Identify a stored run again, from its own plan and readings; the new estimate joins the
-    /// run, the old ones stay.
+    /// Identify a stored run again from its own plan and readings. The new estimate is added to the run, the
+    /// old ones stay.
     #[arg(long, value_name = "RUN", conflicts_with_all = ["readings", "plan"])]
     pub run: Option<i64>,
     /// The plan that was measured; without it, the plan of the machine file.
@@ -197,7 +197,7 @@ pub struct IdentifyArgs {
     pub plan: Option<PathBuf>,
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
-    /// Estimates that are taken as known, in the place of those that the run was begun with.
+    /// Estimates whose values are taken as known, instead of those with which the run began.
     #[arg(long = "with", value_name = "EST.json")]
     pub with: Vec<PathBuf>,
     #[arg(long)]
@@ -212,7 +212,7 @@ pub struct InitArgs {
     pub kind: String,
     #[arg(long, value_name = "/dev/...")]
     pub serial: Option<String>,
-    /// A port by its name in /dev/serial/by-id, or a part of it.
+    /// Name of a port in /dev/serial/by-id, or a part of the name.
     #[arg(long, value_name = "NAME")]
     pub serial_id: Option<String>,
     #[arg(long, value_name = "N", conflicts_with = "tcp")]
@@ -225,37 +225,37 @@ pub struct InitArgs {
     /// Number of the device (Modbus).
     #[arg(long, value_name = "N")]
     pub unit: Option<u8>,
-    /// A folder that this program and the control both see (LinuxCNC, which needs it).
+    /// Folder that both this program and the control can access (LinuxCNC, which needs it).
     #[arg(long, value_name = "DIR", required_if_eq("kind", linuxcnc::KIND))]
     pub program_dir: Option<PathBuf>,
-    /// The INI file that the control was started with (LinuxCNC).
+    /// INI file with which the control was started (LinuxCNC).
     #[arg(long, value_name = "FILE")]
     pub ini: Option<PathBuf>,
-    /// The language that the control understands, where it is not the usual one of its kind.
+    /// Dialect of the control, if it is not the usual one of its kind.
     #[arg(long)]
     pub dialect: Option<String>,
-    /// Which axis stands on which, e.g. V[w-C-B-b-Y-X-Z-(C)-t]; without it, the usual for its axes.
+    /// Kinematic chain, e.g. V[w-C-B-b-Y-X-Z-(C)-t]; without it, the usual one for the axes.
     #[arg(long)]
     pub topology: Option<String>,
     #[arg(long)]
     pub name: Option<String>,
-    /// Where nothing answers: ask at other speeds, under other numbers and in the languages of other
-    /// controls. What another device takes that for, nobody knows: see that nothing can move.
+    /// If nothing answers, try other baud rates, device numbers and protocols. Another device may misinterpret
+    /// these requests: make sure that nothing can move.
     #[arg(long)]
     pub search: bool,
-    /// Write it here; never over a file that is there. Without it, to standard output.
+    /// Output file, which must not exist; without it, standard output.
     #[arg(long, value_name = "FILE")]
     pub to: Option<PathBuf>,
 }
 
 #[derive(Debug, Args)]
 pub struct WatchArgs {
-    /// Its name in the machine file.
+    /// Name of the sensor in the machine file.
     pub sensor: String,
     /// The machine file, with a [[sensor]] of this name.
     #[arg(long, value_name = "FILE")]
     pub machine: PathBuf,
-    /// End after so many samples; silence is none.
+    /// Exit after this number of samples; a missing signal does not count.
     #[arg(long, value_name = "N")]
     pub samples: Option<u64>,
     /// Print each sample as a line of JSON.
@@ -265,13 +265,13 @@ pub struct WatchArgs {
 
 #[derive(Debug, Args)]
 pub struct SimulateArgs {
-    /// Whose embedded machine is served, where there is no machine file.
+    /// Method whose built-in machine is served if there is no machine file.
     #[arg(default_value = "self-calibration")]
     pub method: String,
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
-    /// Put a bad wire in between: it delays, drops, doubles, flips, splits, stalls and cuts, as the
-    /// seed says, and tells what it does.
+    /// Insert a faulty wire, which delays, drops, doubles, flips, splits, stalls and cuts according to the
+    /// seed, and report its faults.
     #[arg(long, value_name = "SEED")]
     pub faults: Option<u64>,
     #[arg(long, value_enum, default_value = "fast")]
@@ -280,9 +280,9 @@ pub struct SimulateArgs {
 
 #[derive(Debug, Args)]
 pub struct TrendArgs {
-    /// Name of the machine; without it, the one of the last run.
+    /// Name of the machine; without it, the machine of the last run.
     pub machine: Option<String>,
-    /// So many days back is asked what changed.
+    /// Number of days for which changes are shown.
     #[arg(long, value_name = "DAYS", default_value_t = 7)]
     pub days: u32,
     #[arg(long)]
@@ -291,12 +291,12 @@ pub struct TrendArgs {
 
 #[derive(Debug, Args)]
 pub struct ScheduleArgs {
-    /// Name of the machine; without it, all that the journal knows.
+    /// Name of the machine; without it, all machines in the journal.
     pub name: Option<String>,
-    /// The machine file, for what comes next.
+    /// Machine file, to show the next slots.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["name", "config"])]
     pub machine: Option<PathBuf>,
-    /// The daemon's file, likewise.
+    /// File of the daemon, to show the next slots.
     #[arg(long, value_name = "FILE", conflicts_with = "name")]
     pub config: Option<PathBuf>,
     #[arg(long)]
@@ -309,10 +309,10 @@ pub struct ArmArgs {
     pub machine: String,
     /// Number of the cycle, as in [[serve.cycle]].
     pub cycle: u16,
-    /// Your name: the machine will move while nobody is there, and you have seen to it that it may.
+    /// Your name: you have made sure that the machine may move unattended.
     #[arg(long, value_name = "NAME")]
     pub who: String,
-    /// For so long, such as 14d or 8h, or until an instant, such as 2027-01-31T18:00:00+01:00.
+    /// A duration, such as 14d or 8h, or an instant, such as 2027-01-31T18:00:00+01:00.
     #[arg(long, value_name = "WHEN")]
     pub until: String,
     #[arg(long, value_name = "WORDS", default_value = "")]
@@ -323,7 +323,7 @@ pub struct ArmArgs {
 pub struct DisarmArgs {
     /// Name of the machine.
     pub machine: String,
-    /// Number of the cycle; without it, all of them.
+    /// Number of the cycle; without it, all cycles.
     pub cycle: Option<u16>,
     /// Your name.
     #[arg(long, value_name = "NAME")]
@@ -340,20 +340,20 @@ pub struct TokenArgs {
 
 #[derive(Debug, Subcommand)]
 pub enum TokenCommand {
-    /// Make one and print it; it is shown this once.
+    /// Create a token and print it; it cannot be shown again.
     Add {
-        /// Whose it is, e.g. tablet-hall-2: it stands in the audit log.
+        /// Name of the token's user, e.g. tablet-hall-2, as shown in the audit log.
         name: String,
-        /// viewer (reads, and may hold), operator (starts, acknowledges, resumes as well), metrologist
-        /// (signs and arms as well).
+        /// viewer (reads, and may hold), operator (also starts, acknowledges and resumes), metrologist (also
+        /// signs and arms).
         #[arg(long)]
         role: Role,
     },
-    /// List them, without what makes them valid.
+    /// List the tokens without their secrets.
     List {
         #[arg(long)]
         json: bool,
     },
-    /// From now on it opens nothing.
+    /// Revoke a token: it gives no access any more.
     Revoke { name: String },
 }

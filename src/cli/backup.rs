@@ -1,4 +1,4 @@
-//! `trued backup`: a copy of the journal, whatever writes it meanwhile.
+//! `trued backup`: copies the journal while it may be written.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! `trued check`: does the machine do what its file says?
+//! `trued check`: compares the machine with its machine file.
 
 use std::io::IsTerminal as _;
 use std::path::Path;
@@ -14,7 +14,7 @@ use crate::commissioning::{Check, Finding, Nobody, Person, Stop, Summary, Verdic
 use crate::setup::{self, Site};
 use crate::store::{Journal, MachineLock};
 
-/// Any method will do where the file only lends its machine.
+/// Name of a method for loading the machine file; any method would do.
 const METHOD: &str = "self-calibration";
 
 pub fn check(args: &CheckArgs, state: Option<&Path>) -> Result<Exit, Failure> {
@@ -37,7 +37,7 @@ pub fn check(args: &CheckArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     Ok(exit(&summary))
 }
 
-/// The bystander of a simulated machine, somebody at the terminal, or nobody.
+/// The simulated operator of a simulated machine, the person at the terminal, or nobody.
 fn person(site: &Site<'_>, stop: &Stop) -> Box<dyn Person> {
     match site.bystander() {
         Some(bystander) => Box::new(bystander),

@@ -1,4 +1,4 @@
-//! `trued compare`: two stored runs beside each other.
+//! `trued compare`: compares two stored runs.
 
 use std::path::Path;
 
@@ -75,7 +75,7 @@ fn print_parameters(differences: &[Difference]) {
     }
 }
 
-/// Of each function the point with the largest E_n.
+/// Prints the point with the largest E_n of each function.
 fn print_functions(functions: &[FunctionDifference]) {
     if functions.is_empty() {
         return;

@@ -1,4 +1,5 @@
-//! A daemon has the machine: the command asks it for one of its cycles, as the page would, and waits.
+//! Client of a daemon that holds the machine: the command starts one of the daemon's cycles, as the page would,
+//! and waits for its end.
 
 use std::path::Path;
 use std::thread::sleep;
@@ -20,26 +21,26 @@ use devices::controllers::Halt;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
 
-/// From one look to the next.
+/// Polling period of the daemon's state.
 const LOOK: Duration = Duration::from_millis(200);
-/// One that does not answer for so long has died or hangs.
+/// Timeout of a request; a daemon that does not answer within it has died or hangs.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// A token, where the daemon answers to tokens only.
+/// Environment variable with the token, for a daemon that accepts requests with a token only.
 const TOKEN: &str = "TRUED_TOKEN";
 
-/// The daemon that has a machine.
+/// Connection to the daemon that holds a machine.
 #[derive(Clone)]
 pub struct Daemon {
     agent: ureq::Agent,
-    /// Of the machine's part of the interface.
+    /// URL of the machine in the daemon's interface.
     address: String,
     token: Option<String>,
-    /// SHA-256 of what it has read.
+    /// SHA-256 of the machine file that the daemon has read.
     machine_file: String,
 }
 
 impl Daemon {
-    /// Whoever holds the machine has a page.
+    /// The daemon that holds the machine, if the holder of the lock serves a page.
     pub fn that_has_it(error: &LockError, folder: &Path) -> Option<Self> {
         let LockError::Held { holder: Some(Holder { machine, pid, .. }), .. } = error else {
             return None;
@@ -56,7 +57,7 @@ impl Daemon {
         Some(Self { agent: agent.into(), address, token, machine_file })
     }
 
-    /// Start the cycle that `args` ask for, and wait for its end. A signal holds the machine.
+    /// Starts the cycle that `args` name and waits for its end. A signal holds the machine.
     pub fn run(
         &self,
         args: &RunArgs,
@@ -99,7 +100,7 @@ impl Daemon {
         Ok((run, last.estimate))
     }
 
-    /// Until no run is on. Each stage is told, and what `who` is asked.
+    /// Waits until no run is in progress; reports each stage and passes prompts to `who`.
     fn watched(
         &self,
         who: &str,
@@ -124,7 +125,7 @@ impl Daemon {
                 && let Err(refused) =
                     self.post("answer", &json!({"step": step, "repeat": repeat, "who": who}))
             {
-                // Somebody at the page was faster.
+                // Another person has confirmed the prompt on the page first.
                 print(&refused.what);
             }
             open = asked;
@@ -139,7 +140,7 @@ impl Daemon {
         }
     }
 
-    /// It measures by its own machine file, as that was when it began.
+    /// Checks that the daemon uses the same machine file; it keeps the one that it read at its start.
     fn knows(&self, args: &RunArgs, machine: &MachineFile) -> Result<(), Failure> {
         if sha256_text(machine.text()) == self.machine_file {
             return Ok(());
@@ -169,7 +170,7 @@ impl Daemon {
     }
 }
 
-/// What the run asks just now.
+/// The open prompt of the run.
 fn question(asked: &Value) -> Option<Asked> {
     let number = |key: &str| u32::try_from(asked[key].as_u64()?).ok();
     let (step, repeat) = (number("step")?, number("repeat")?);
@@ -198,7 +199,7 @@ fn answer(
     }
 }
 
-/// What a cycle of the daemon does not know.
+/// Refuses options that a cycle of the daemon does not support.
 fn alone_can(args: &RunArgs) -> Result<(), Failure> {
     let only = [
         ("--with", !args.with.is_empty()),
@@ -223,7 +224,7 @@ fn no_such_cycle(method: &str, cycles: &[Value]) -> Failure {
     )
 }
 
-/// A person vouches for what the page would ask.
+/// Name of the person who confirms the conditions that the page would ask for.
 fn who(args: &RunArgs) -> Result<String, Failure> {
     const ASK: &str =
         "is it free to be moved, the control in its automatic mode, are the guards closed?";

@@ -1,5 +1,4 @@
-//! Errors at the edge: what happened, what to do next, and the exit code. Inner layers know none
-//! of this.
+//! Errors of commands: what happened, the remedy, and the exit code. Inner layers do not depend on this module.
 
 use std::path::Path;
 
@@ -30,7 +29,7 @@ impl Failure {
         Self { what: what.to_string(), remedy: None, exit: Exit::Error }
     }
 
-    /// A file that cannot be read or written.
+    /// The error of a file that cannot be read or written.
     pub fn file(path: &Path, error: &std::io::Error) -> Self {
         Self::plain(format!("{}: {error}", path.display()))
     }
@@ -103,7 +102,7 @@ impl From<PlanningError> for Failure {
 }
 
 impl Failure {
-    /// How a cycle of `method` ended, with the way on where there is one.
+    /// The error of a cycle of `method`, with the command that continues the run if there is one.
     pub fn of_cycle(error: &CycleError, method: &str) -> Self {
         let is_stopped = error.holds() || error.is_stop();
         let exit = if is_stopped { Exit::Stopped } else { Exit::Error };
@@ -122,7 +121,7 @@ impl Failure {
         }
     }
 
-    /// As [`goes_on`].
+    /// Adds the command of [`goes_on`].
     fn with_way_on(mut self, run: RunId, can_resume: bool, position_lost: bool) -> Self {
         if let (Exit::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
             remedy.push_str(&format!("; {}", goes_on(run, can_resume, position_lost)));
@@ -130,7 +129,7 @@ impl Failure {
         self
     }
 
-    /// After the measurement everything measured is still there.
+    /// Adds the commands for a run whose readings are complete.
     fn kept(self, run: RunId, method: &str) -> Self {
         let way_on = format!(
             "run {run} and its readings are kept: `trued resume {run}` or `trued identify {method} --run \

@@ -1,4 +1,4 @@
-//! Where things are kept, and what is read from them.
+//! Location of stored files, and reading of estimates.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ use super::failure::Failure;
 use crate::store::state_dir;
 use machine::record::estimate::Estimate;
 
-/// Where journal and locks live.
+/// Directory of the journal and the locks.
 pub fn state_folder(given: Option<&Path>) -> Result<std::path::PathBuf, Failure> {
     state_dir(given).ok_or_else(|| {
         Failure::new("no place for the journal is known", "give one with --state DIR")

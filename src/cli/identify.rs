@@ -1,4 +1,4 @@
-//! `trued identify`: readings from anywhere to an estimate.
+//! `trued identify`: computes an estimate from readings of any origin.
 
 use std::path::Path;
 
@@ -45,7 +45,7 @@ fn files(args: &IdentifyArgs, csv: &Path) -> Result<Estimate, Failure> {
     Ok(judged(identified(method.as_ref(), &plan, &readings)?, &machine.tolerance))
 }
 
-/// Judged by the tolerances of `--machine`, or of the machine file that the run was made with.
+/// Identifies a stored run; the tolerances are those of `--machine`, or of the machine file of the run.
 fn stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<Estimate, Failure> {
     let journal = Journal::open(&state_folder(state)?)?;
     let stored = journal.load(run)?;
@@ -74,7 +74,7 @@ fn stored_run(args: &IdentifyArgs, run: RunId, state: Option<&Path>) -> Result<E
     Ok(estimate)
 }
 
-/// Those of `--with`, where it is given, in the place of the plan's own.
+/// Replaces the priors of the plan by those of `--with`, if given.
 fn take_priors(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
     if !args.with.is_empty() {
         plan.priors = read_estimates(&args.with)?;
@@ -82,13 +82,14 @@ fn take_priors(args: &IdentifyArgs, plan: &mut Plan) -> Result<(), Failure> {
     Ok(check_probe(plan)?)
 }
 
-/// Of a run that did not come to its end, what was measured; and a word on what is left out.
+/// Reduces the plan of an incomplete run to the measured steps; also returns a message about the steps left
+/// out.
 fn measured(mut plan: Plan, state: RunState, readings: &[Reading]) -> (Plan, Option<String>) {
     if matches!(state, RunState::Finished | RunState::NotIdentified | RunState::Running) {
         return (plan, None);
     }
     let planned = plan.steps.len();
-    // A prompt has no reading, ever.
+    // A prompt has no reading.
     plan.steps.retain(|step| {
         step.kind == StepKind::Prompt || readings.iter().any(|reading| reading.step == step.id)
     });

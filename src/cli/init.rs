@@ -1,4 +1,4 @@
-//! `trued init`: a commented machine file from what the control says of itself.
+//! `trued init`: writes a commented machine file from the data that the control reports.
 
 use std::fs::OpenOptions;
 use std::io::{ErrorKind, Write};
@@ -33,7 +33,7 @@ pub fn init(args: &InitArgs) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// The absolute path of LinuxCNC's INI file: the machine file is read from other folders too.
+/// Absolute path of LinuxCNC's INI file, as the machine file may be read from another folder.
 fn ini_file(path: Option<&Path>) -> Result<Option<String>, Failure> {
     let Some(path) = path else { return Ok(None) };
     match path.canonicalize() {
@@ -46,7 +46,7 @@ fn ini_file(path: Option<&Path>) -> Result<Option<String>, Failure> {
     }
 }
 
-/// `[controller]` as it was typed, with the path of the INI file.
+/// `[controller]` from the arguments, with the path of the INI file.
 fn controller(args: &InitArgs, ini: Option<String>) -> toml::Table {
     let text = |value: &Option<String>| value.clone().map(toml::Value::String);
     let number = |value: Option<u32>| value.map(|value| toml::Value::Integer(value.into()));

@@ -1,8 +1,8 @@
-//! What the sensors of a prompt read, as lines of a terminal.
+//! Live values of a prompt's sensors, as lines for a terminal.
 
 use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
 
-/// Characters of a drawn range.
+/// Width of the drawn range, characters.
 const BAR: usize = 17;
 
 pub fn lines(values: &LiveValues) -> String {
@@ -22,7 +22,7 @@ fn sensor(live: &LiveSensor) -> String {
     format!("  {:<5} {value:>12}  {target:<15}  {to_go:<16} {}", live.sensor, bar(live))
 }
 
-/// The range from its least to its greatest value: `|` the target, `o` the value.
+/// Bar of the range from its minimum to its maximum: `|` is the target, `o` the value.
 fn bar(live: &LiveSensor) -> String {
     let place = |mm: f64| (live.range_share(mm) * (BAR - 1) as f64).round() as usize;
     let [target, value] = [live.target_mm, live.value_mm].map(|mm| mm.map(place));

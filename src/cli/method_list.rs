@@ -1,6 +1,6 @@
 //! The list of methods in the command's help.
 
-/// A paragraph for each method, for `trued run --help`.
+/// One paragraph per method, for `trued run --help`.
 pub(super) fn methods_help() -> String {
     let paragraphs = methods::METHODS.iter().map(|method| {
         format!("  {}\n      needs: {}\n      finds: {}\n", method.name, method.needs, method.finds)

@@ -1,12 +1,12 @@
-//! The commands. They read files, build the parts, show progress and choose the exit
-//! code; they compute nothing.
+//! The commands. They read files, build the parts, show progress and choose the exit code; they compute
+//! nothing.
 
-/// A line on standard output.
+/// Prints a line on standard output.
 macro_rules! say {
     ($($words:tt)*) => { $crate::cli::print(format_args!($($words)*)) };
 }
 
-/// A line on standard error.
+/// Prints a line on standard error.
 macro_rules! tell {
     ($($words:tt)*) => { $crate::cli::tell(format_args!($($words)*)) };
 }
@@ -50,7 +50,7 @@ use self::args::{Cli, Command};
 use self::failure::Failure;
 use machine::record::estimate::Verdict;
 
-/// How a command ended (DESIGN, contracts).
+/// Exit code of a command (DESIGN, contracts).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Exit {
     Pass = 0,
@@ -71,7 +71,7 @@ impl From<Verdict> for Exit {
     }
 }
 
-/// Run the program with the arguments of this process. Usage errors end it with code 2.
+/// Runs the program with the arguments of this process. Usage errors end it with code 2.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
     let state = cli.state.clone();
@@ -86,19 +86,19 @@ pub fn main() -> ExitCode {
     }
 }
 
-/// `advice` whose command lines find the journal of this command, as they are pasted.
+/// Adds `--state` to the commands in `advice`, so that pasted commands find the journal of this command.
 fn with_state(advice: &str, state: Option<&Path>) -> String {
     let Some(state) = state else { return advice.to_owned() };
     let folder = state.display().to_string().replace('\'', r"'\''");
     let parts = advice.split('`').map(|part| match part.strip_prefix("trued ") {
-        // The name of a command alone is no command line.
+        // A command name without arguments is not a command line.
         Some(rest) if rest.contains(' ') => format!("trued --state '{folder}' {rest}"),
         _ => part.to_owned(),
     });
     parts.collect::<Vec<_>>().join("`")
 }
 
-/// To the person at the terminal; one that has gone is no reason to stop.
+/// Prints to standard error. A closed standard error does not stop the program.
 fn tell(text: std::fmt::Arguments<'_>) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
@@ -129,7 +129,7 @@ fn dispatch(cli: Cli) -> Result<Exit, Failure> {
     }
 }
 
-/// Nobody needs to read it to its end; but what could not be written to a file is told.
+/// Prints to standard output. A closed pipe is no error; any other failed write ends the program.
 fn print(words: std::fmt::Arguments<'_>) {
     use std::io::{ErrorKind, Write as _};
     match writeln!(std::io::stdout(), "{words}") {

@@ -1,4 +1,4 @@
-//! `trued plan`: the whole plan from nominal positions, as words, JSON or a program.
+//! `trued plan`: prints the whole plan from nominal positions, as text, JSON or a program.
 
 use super::Exit;
 use super::args::PlanArgs;
@@ -51,7 +51,7 @@ pub fn plan(args: &PlanArgs) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// The whole program, each step once, and its proof. Nobody knows where the machine stands.
+/// The whole program, each step once, and its proof. The start position of the machine is unknown.
 fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof), Failure> {
     let dialect = Dialect::named(name).and_then(|named| named.with(&plan.machine, &plan.probe));
     let dialect = dialect.map_err(|error| Failure::new(&error, error.remedy()))?;
@@ -75,7 +75,7 @@ fn program(plan: &Plan, stages: &[Stage], name: &str) -> Result<(String, Proof),
     Ok((text, proof))
 }
 
-/// Stage by stage; before each what a person is asked, and the stop to do it.
+/// Text of the program stage by stage; before each stage its prompts, each with a stop.
 fn written(
     dialect: &Dialect,
     program: &Program<'_>,
@@ -98,7 +98,7 @@ fn written(
     Ok(lines.into_iter().map(|line| line + "\n").collect())
 }
 
-/// What happens where the machine rests before a sensor, if a step does so.
+/// Description of the sampling during dwells, if the plan has any.
 fn at_dwells(plan: &Plan) -> Option<String> {
     let scans = plan.steps.iter().filter_map(|step| Some((step, step.scan.as_ref()?.sampling)));
     let mut dwells = scans.filter_map(|(step, sampling)| match sampling {
@@ -109,7 +109,7 @@ fn at_dwells(plan: &Plan) -> Option<String> {
     Some(format!("at each G4 trued takes {samples} samples of {}", step.sensors.join(", ")))
 }
 
-/// What was found, for a person.
+/// Summary of the proof for the user.
 fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
     let nearest = proof.nearest.as_ref().map_or(String::new(), |near| {
         let [one, other] = &near.between;
@@ -127,7 +127,7 @@ fn summary(proof: &Proof, plan: &Plan) -> Vec<String> {
     lines
 }
 
-/// Returns the machine time of all stages, s.
+/// Prints the plan; returns the machine time of all stages, s.
 fn describe(plan: &Plan, stages: &[Stage]) -> Result<f64, Failure> {
     let (blocks, machine_s) = planning::staged_blocks(plan, stages)?;
     say!("{} on {}: {} steps", plan.method, plan.machine.name, plan.steps.len());

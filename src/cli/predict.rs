@@ -1,4 +1,4 @@
-//! `trued predict`: how far the tool is off at given poses, by the errors of an estimate.
+//! `trued predict`: computes the position error of the tool at given poses from an estimate.
 
 use std::path::Path;
 
@@ -64,7 +64,7 @@ pub fn predict(args: &PredictArgs) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// No pose is outside what was measured.
+/// Checks that no pose is outside the measured ranges.
 fn check(predictor: &Predictor<'_>, file: &Path, poses: &[(Position, u64)]) -> Result<(), Failure> {
     for (at, line) in poses {
         let refused = |why: methods::Refused| {
@@ -75,7 +75,7 @@ fn check(predictor: &Predictor<'_>, file: &Path, poses: &[(Position, u64)]) -> R
     Ok(())
 }
 
-/// `X100 Y0 Z300 B0 C90`: axes that are not named stand at 0.
+/// Parses a pose such as `X100 Y0 Z300 B0 C90`; axes that are not named are at 0.
 fn pose_in_words(words: &str) -> Result<Position, Failure> {
     let wrong = |word: &str| {
         Failure::new(
@@ -94,7 +94,7 @@ fn pose_in_words(words: &str) -> Result<Position, Failure> {
 
 type Poses = (Vec<(&'static str, Axis)>, Vec<(Position, u64)>);
 
-/// Axes in the order of the columns; each pose with its line.
+/// Reads the poses: the axes in the order of the columns, and each pose with its line.
 fn read_poses(file: &Path, machine: &Machine) -> Result<Poses, Failure> {
     let wrong = |line: u64, why: String| {
         Failure::new(

@@ -1,11 +1,11 @@
-//! What a person sees while a run goes on: the touch in hand, the last reading, the time left.
+//! Progress of a run on the terminal: the current touch, the last reading, the remaining time.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::live_values::lines;
 use machine::record::event::Event;
 
-/// How the bar is drawn: while steps are measured, and while sensors are watched.
+/// Templates of the progress bar: while steps are measured, and while sensors are watched.
 const STEPS: &str = "  {bar:14} {pos:>2}/{len}  {wide_msg}";
 const SENSORS: &str = "{msg}";
 
@@ -15,7 +15,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// With `quiet`, no bar is drawn (the estimate goes to standard output as JSON).
+    /// Starts the display; with `quiet`, no bar is drawn (the estimate goes to standard output as JSON).
     pub fn start(quiet: bool) -> Self {
         let bar = ProgressBar::new(0);
         if quiet {
@@ -34,7 +34,7 @@ impl Progress {
 
     pub fn tell(&mut self, event: &Event) {
         match event {
-            // Identity and way of stopping: each on a line of its own.
+            // Identity and stopping method of the control, each on a line of its own.
             Event::Announced { text } => text.split("; ").for_each(|line| self.say(line)),
             Event::StageStarted { stage } => {
                 self.say(&format!("{}: {} steps", stage.name, stage.steps.len()));
@@ -59,7 +59,7 @@ impl Progress {
                 self.bar.set_message(format!("{label:<12} left {left:>5}  {}", self.last));
             }
             Event::ReadingStored { reading } => {
-                // The touch in hand is named by its rotary positions: these are left out.
+                // The current touch is named by its rotary positions; they are left out here.
                 let edge: Vec<String> = reading
                     .position
                     .iter()
@@ -73,9 +73,9 @@ impl Progress {
                 self.last = format!("last {samples} samples, {flagged} flagged");
                 self.bar.inc(1);
             }
-            // Whoever waits for the answer shows the question.
+            // The source of the answer shows the prompt.
             Event::Asked { .. } => self.bar.set_message("a person is asked"),
-            // On a terminal alone: a log would grow for as long as the person works.
+            // On a terminal only: a log would grow for as long as the operator works.
             Event::Watched { values } => {
                 self.draw_as(SENSORS);
                 self.bar.set_message(lines(values));
@@ -86,14 +86,14 @@ impl Progress {
                 self.say(&format!("done, says {who}"));
                 self.bar.inc(1);
             }
-            // Why, and what to do, is the last word of the command.
+            // The command prints the reason and the remedy at its end.
             Event::Held { .. } | Event::Faulted { .. } | Event::Finished => self.end(),
-            // Long after its run.
+            // This event occurs long after the run.
             Event::SamplesRemoved { .. } => {}
         }
     }
 
-    /// Lines above the bar, from wherever.
+    /// Printer of lines above the bar, usable from any thread.
     pub fn printer(&self) -> impl Fn(&str) + Send + Sync + use<> {
         let bar = self.bar.clone();
         move |text| match bar.is_hidden() {
@@ -111,7 +111,7 @@ impl Progress {
     }
 }
 
-/// m:ss, rounded up: what is left is never nothing.
+/// m:ss, rounded up, so that a remaining time is never shown as zero.
 fn minutes(seconds: f64) -> String {
     let whole = seconds.ceil();
     format!("{:.0}:{:02.0}", (whole / 60.0).floor(), whole % 60.0)

@@ -1,4 +1,4 @@
-//! What can be typed about runs that are stored, and estimates.
+//! Arguments for stored runs and estimates.
 
 use std::path::PathBuf;
 
@@ -24,7 +24,7 @@ pub struct ShowArgs {
 pub struct CompareArgs {
     /// Number of a run, as `trued runs` lists it.
     pub first: i64,
-    /// Number of the run that is compared with it: differences are this one less the first.
+    /// Number of the run to compare with it; differences are this run minus the first.
     pub second: i64,
     #[arg(long)]
     pub json: bool,
@@ -32,31 +32,31 @@ pub struct CompareArgs {
 
 #[derive(Debug, Args)]
 pub struct PredictArgs {
-    /// An estimate of errors of the axes, as `trued run samba --json` prints it.
+    /// An estimate of axis errors, as `trued run samba --json` prints it.
     #[arg(value_name = "EST.json")]
     pub estimate: PathBuf,
-    /// Poses: a table with some of the columns x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg (axes without a column stand
-    /// at 0). The errors of the tip and of the tool's direction are printed behind them, in the table frame, with
-    /// their standard uncertainties. Without poses: largest and mean error over the
-    /// ranges of the axes that the estimate was measured over.
+    /// Poses: a table with some of the columns x_mm,y_mm,z_mm,a_deg,b_deg,c_deg,s_deg (axes without a column
+    /// are at 0). The errors of the tip and of the tool's direction are printed after them, in the table frame,
+    /// with their standard uncertainties. Without poses: largest and mean error over the ranges of the axes
+    /// that the estimate was measured over.
     #[arg(long, value_name = "POSES.csv")]
     pub at: Option<PathBuf>,
     /// The machine file; without one, the built-in one of the estimate's method.
     #[arg(long, value_name = "FILE")]
     pub machine: Option<PathBuf>,
-    /// The pose at which the work zero is set, such as "X100 Z300 B0"; without it, with the tip on the origin of
-    /// the table and the rotary axes at 0. There the tip has no error; elsewhere tool-centre control follows the
-    /// workpiece by the nominal machine.
+    /// Pose at which the work zero is set, such as "X100 Z300 B0"; without it, with the tip on the origin of
+    /// the table and the rotary axes at 0. At this pose the tip has no error; elsewhere tool-centre control
+    /// follows the workpiece by the nominal machine.
     #[arg(long, value_name = "POSE")]
     pub zero: Option<String>,
-    /// The work zero is set anew at each position of the rotary axes, with the tip on the origin of the table.
+    /// Set the work zero again at each position of the rotary axes, with the tip on the origin of the table.
     #[arg(long, conflicts_with = "zero")]
     pub without_tool_centre_control: bool,
-    /// Tell also what may be left after these errors are corrected by their estimated values: symbols with commas
-    /// between, such as EX0C,EY0C, or `all`.
+    /// Also print the errors that may remain after these errors are corrected by their estimated values:
+    /// symbols separated by commas, such as EX0C,EY0C, or `all`.
     #[arg(long, value_name = "SYMBOLS")]
     pub corrected: Option<String>,
-    /// Predict outside the ranges of the axes that the estimate was measured over, too.
+    /// Also predict outside the ranges of the axes that the estimate was measured over.
     #[arg(long)]
     pub extrapolate: bool,
 }
@@ -65,25 +65,26 @@ pub struct PredictArgs {
 pub struct ExportArgs {
     /// Number of the run, as `trued runs` lists it.
     pub run: i64,
-    /// Folder to write to; made if missing.
+    /// Output folder; created if missing.
     #[arg(long, value_name = "DIR", default_value = ".")]
     pub to: PathBuf,
-    /// Write the readings as points of the workpiece, too, by the nominal machine.
+    /// Also write the readings as points of the workpiece, by the nominal machine.
     #[arg(long, value_enum)]
     pub frame: Option<Frame>,
-    /// By the machine that this estimate has found.
+    /// Compute the points by the machine of this estimate.
     #[arg(long, value_name = "EST.json", requires = "frame")]
     pub with: Option<PathBuf>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Frame {
-    /// That of the table: the machine frame when all axes stand at zero.
+    /// Frame of the table: the machine frame when all axes are at zero.
     Workpiece,
 }
 
 #[derive(Debug, Args)]
 pub struct BackupArgs {
-    /// Never over a file that is there. As `journal.sqlite` in a folder of its own it serves with --state.
+    /// Output file, which must not exist. As `journal.sqlite` in a folder of its own it can be used with
+    /// --state.
     pub file: PathBuf,
 }

@@ -1,4 +1,4 @@
-//! `trued resume`: a person has looked at the machine; the run goes on.
+//! `trued resume`: resumes a run after a person has checked the machine.
 
 use std::path::Path;
 
@@ -46,7 +46,7 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     tell_result(&journal, state, wires.finish(found)?, &args.output, wires.keeps())
 }
 
-/// All is measured: neither the machine nor a person at it is needed.
+/// Identifies a run that was measured to its end; neither the machine nor an operator is needed.
 fn identify(
     args: &ResumeArgs,
     journal: &Journal,
@@ -84,7 +84,7 @@ impl From<AgainError> for Failure {
     }
 }
 
-/// Another machine file is another run.
+/// Checks that the machine file is the stored one: another machine file requires a new run.
 fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failure> {
     let Some(file) = &args.machine else { return Ok(()) };
     let text = std::fs::read_to_string(file).map_err(|error| Failure::file(file, &error))?;
@@ -106,19 +106,19 @@ fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failu
     ))
 }
 
-/// A person's word that the machine may move.
+/// The person's acknowledgement that the machine may move.
 fn acknowledge(args: &ResumeArgs, again: &Again) -> Result<(String, Event), Failure> {
     let who = match &args.acknowledge {
         Some(name) => name.clone(),
         None => asked(&again.question())?,
     };
-    // Whoever was asked on the terminal was asked for it.
+    // The question on the terminal includes the homing.
     let homed = args.homed || args.acknowledge.is_none();
     let acknowledged = again.acknowledged(&who, homed)?;
     Ok((who.trim().to_owned(), acknowledged))
 }
 
-/// On a terminal.
+/// Asks for the acknowledgement on the terminal.
 fn asked(Question { ended, ask, .. }: &Question) -> Result<String, Failure> {
     typed(&format!(
         "{ended}\nlook at the machine: {ask} Z goes straight up first, then the references are touched.\n\

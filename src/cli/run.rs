@@ -1,4 +1,4 @@
-//! `trued run`: from one command to a stored, judged estimate.
+//! `trued run`: measures, and stores a judged estimate.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -45,7 +45,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let answers = answers(args, &progress);
     let mut tell = |event: &Event| progress.tell(event);
     let found = runtime()?.block_on(async {
-        // A run begins when its machine is there.
+        // The run begins after its machine is open.
         let opening = connect(&machine, args.output.speed, Past::default());
         let devices = wires.connect(opening).await?;
         stop_on_signals(devices.controller.halt())?;
@@ -57,7 +57,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     tell_result(&journal, state, found, &args.output, wires.keeps())
 }
 
-/// Whoever sits at the terminal; a replay goes on as it went on then.
+/// Source of the answers: the person at the terminal, or, in a replay, an automatic answer.
 fn answers(args: &RunArgs, progress: &Progress) -> Answers {
     let who = args.acknowledge.clone().unwrap_or_else(login);
     match args.replay {
@@ -66,13 +66,13 @@ fn answers(args: &RunArgs, progress: &Progress) -> Answers {
     }
 }
 
-/// One thread for everything that waits.
+/// One thread for all tasks that wait.
 pub fn runtime() -> Result<tokio::runtime::Runtime, Failure> {
     let mut builder = tokio::runtime::Builder::new_current_thread();
     builder.enable_all().build().map_err(Failure::plain)
 }
 
-/// What came out, and where it is; `keeps`: the journal outlives the program.
+/// Prints the result and the command that shows it; `keeps`: the journal outlives the program.
 pub fn tell_result(
     journal: &Journal,
     state: Option<&Path>,
@@ -98,12 +98,12 @@ pub fn tell_result(
     Ok(estimate.verdict.into())
 }
 
-/// A report that cannot be written is told before the measurement.
+/// Checks before the measurement that the report can be written.
 pub fn check_report_folder(output: &OutputArgs) -> Result<(), Failure> {
     output.report.as_ref().map_or(Ok(()), |file| check_folder(file, "the report", "--report"))
 }
 
-/// The folder of `file` is there.
+/// Checks that the folder of `file` exists.
 pub fn check_folder(file: &Path, what: &str, option: &str) -> Result<(), Failure> {
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     match folder {

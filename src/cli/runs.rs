@@ -50,8 +50,8 @@ pub fn list(args: &RunsArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// A run that is `running` while no process has its machine is interrupted: the next process that takes the
-/// machine writes that to the journal.
+/// Present state of a run. A run in state `running` whose machine is held by no process is interrupted; the
+/// next process that acquires the machine writes that to the journal.
 fn state_now(run: &RunSummary, folder: &Path) -> RunState {
     let is_dead = || MachineLock::holder(folder, &run.machine).is_none();
     match run.state {
@@ -99,7 +99,7 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// What a person can do with it.
+/// Next action that is possible for the run.
 pub fn way_on(stored: &StoredRun) -> Option<String> {
     story::way_on(stored, can_resume(&stored.plan, &stored.readings))
 }

@@ -1,4 +1,4 @@
-//! `trued schedule`, `trued arm`, `trued disarm`: what starts while nobody is there.
+//! `trued schedule`, `trued arm`, `trued disarm`: unattended starts.
 
 use std::path::Path;
 
@@ -15,13 +15,13 @@ use crate::service::schedule::planned;
 use crate::setup::SetupError;
 use crate::store::{Arming, Journal, Slot};
 
-/// Of what was.
+/// Number of past slots that are printed.
 const LAST: usize = 20;
 
 #[derive(Serialize)]
 struct Told {
     machine: String,
-    /// Only where the machine file is given.
+    /// Next slots; only if the machine file is given.
     planned: Vec<Planned>,
     armed: Vec<Arming>,
     last: Vec<Slot>,

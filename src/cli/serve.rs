@@ -1,4 +1,4 @@
-//! `trued serve`: machines wait for whoever may start them.
+//! `trued serve`: starts the daemon, which runs cycles on request.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Estimates on the terminal and in files.
+//! Printing of estimates, and writing of reports.
 
 use std::path::Path;
 
@@ -20,7 +20,7 @@ pub fn print_estimate(estimate: &Estimate) {
     let more = if is_judged { "       limit  verdict" } else { "" };
     say!("{:<12} {:>12} {:>9} {:>9} {:>6}  unit{more}", "parameter", "value", "u", "U", "k");
     for p in &estimate.parameters {
-        // All to a nanometre, or so.
+        // All values to about a nanometre.
         let digits = if p.unit == Unit::Mm { 5 } else { 3 };
         say!(
             "{:<12} {:>12.digits$} {:>9.digits$} {:>9.digits$} {:>6.2}  {}{}{}",
@@ -89,7 +89,7 @@ pub fn in_words(verdict: Verdict) -> &'static str {
     }
 }
 
-/// The report of a stored run's last estimate.
+/// Writes the report of a stored run's last estimate.
 pub fn write_report(journal: &Journal, run: RunId, file: &Path) -> Result<(), Failure> {
     let html =
         report(journal, run).map_err(|error| Failure::new(error.to_string(), error.remedy()))?;

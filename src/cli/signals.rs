@@ -1,4 +1,4 @@
-//! Ctrl-C, SIGTERM and SIGHUP hold the machine; the run then ends by itself, everything kept.
+//! Ctrl-C, SIGTERM and SIGHUP hold the machine; the run then ends by itself, and all its data is kept.
 
 use std::io;
 use std::sync::mpsc::{Sender, channel};
@@ -8,8 +8,8 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 use super::failure::Failure;
 use devices::controllers::Halt;
 
-/// From the return of this call on, and on a thread of its own: a stop does not wait until whatever
-/// the run computes is done.
+/// Holds the machine at a signal, from the return of this call on. A thread of its own receives the signals, so
+/// that a stop does not wait for a computation of the run.
 pub fn stop_on_signals(halt: Halt) -> Result<(), Failure> {
     let (ready, is_ready) = channel();
     std::thread::Builder::new()
@@ -23,14 +23,14 @@ pub fn stop_on_signals(halt: Halt) -> Result<(), Failure> {
 fn listen(halt: &Halt, ready: &Sender<io::Result<()>>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let ended = runtime.and_then(|runtime| runtime.block_on(hear(halt, ready)));
-    // Said already, or there was nothing to listen with.
+    // The error was reported already, or no receiver is left.
     let _ = ended.map_err(|error| ready.send(Err(error)));
 }
 
 async fn hear(halt: &Halt, ready: &Sender<io::Result<()>>) -> io::Result<()> {
     let mut interrupt = signal(SignalKind::interrupt())?;
     let mut terminate = signal(SignalKind::terminate())?;
-    // The terminal was closed.
+    // Sent when the terminal is closed.
     let mut hang_up = signal(SignalKind::hangup())?;
     let _ = ready.send(Ok(()));
     while any(&mut interrupt, &mut terminate, &mut hang_up).await.is_some() {
@@ -40,7 +40,7 @@ async fn hear(halt: &Halt, ready: &Sender<io::Result<()>>) -> io::Result<()> {
 }
 
 async fn any(one: &mut Signal, other: &mut Signal, third: &mut Signal) -> Option<()> {
-    // `recv` is cancel safe: a signal not taken stays.
+    // `recv` is cancel safe: no signal is lost.
     tokio::select! {
         heard = one.recv() => heard,
         heard = other.recv() => heard,

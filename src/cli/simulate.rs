@@ -1,4 +1,4 @@
-//! `trued simulate`: the simulated firmware on a wire of its own, for any program to drive.
+//! `trued simulate`: serves the simulated firmware on a wire of its own, for any program to drive.
 
 use std::io::IsTerminal as _;
 use std::time::Duration;
@@ -47,7 +47,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// Whoever sits at this terminal can press the simulated stylus.
+/// Lets the person at this terminal deflect the simulated stylus.
 fn beside(mut bystander: Bystander) {
     if !std::io::stdin().is_terminal() {
         return;

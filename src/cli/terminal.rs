@@ -1,4 +1,4 @@
-//! Somebody at the terminal is asked.
+//! Questions to the person at the terminal.
 
 use std::io::{BufRead as _, IsTerminal as _};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -12,10 +12,10 @@ use crate::run::{Answers, Asked};
 use machine::Axis;
 use machine::record::question::{Answer, AxisDirection, Question, Seen};
 
-/// How often a stop is looked for while an answer is waited for.
+/// Polling period of a stop while the terminal waits for an answer.
 const STOP_POLL: Duration = Duration::from_millis(50);
 
-/// What somebody types; nothing where nobody sits.
+/// A typed line; empty if standard input is no terminal.
 pub fn typed(words: &str) -> std::io::Result<String> {
     let mut line = String::new();
     if std::io::stdin().is_terminal() {
@@ -25,10 +25,10 @@ pub fn typed(words: &str) -> std::io::Result<String> {
     Ok(line.trim().to_owned())
 }
 
-/// What is typed, line by line.
+/// Typed lines, in their order.
 fn lines() -> Receiver<String> {
     let (line, typed) = channel();
-    // On a thread of its own, left behind at the end: the links live on meanwhile.
+    // On a thread of its own that is never joined, so that the links stay active meanwhile.
     std::thread::spawn(move || {
         let mut lines = std::io::stdin().lines().map_while(Result::ok);
         lines.all(|typed| line.send(typed).is_ok())
@@ -36,8 +36,8 @@ fn lines() -> Receiver<String> {
     typed
 }
 
-/// `who`, who sits at the terminal, answers a run by Enter; nobody does where there is no terminal.
-/// `show` hears what is asked.
+/// Answers of the person `who` at the terminal, who confirms with Enter; nobody answers without a terminal.
+/// `show` is called with the text of the prompt.
 pub fn by_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> Answers {
     match std::io::stdin().is_terminal() {
         true => entered(who, show, lines),
@@ -45,7 +45,7 @@ pub fn by_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> Ans
     }
 }
 
-/// Whoever uses this computer, by the name that it knows.
+/// Login name of the user.
 pub fn login() -> String {
     let known = ["USER", "LOGNAME"].iter().filter_map(|name| std::env::var(name).ok());
     let mut known = known.filter(|name| !name.trim().is_empty());
@@ -62,8 +62,8 @@ fn entered(
         let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
         let (typed, shown) = &mut *state;
         let Some(typed) = typed else {
-            // Only now: a run that asks nothing may go on in the background. What was typed before the
-            // question comes until the next look.
+            // Standard input is read only now: a run without a prompt may run in the background. Lines typed
+            // before the prompt arrive until the next poll.
             *typed = Some(listen());
             return None;
         };
@@ -91,7 +91,7 @@ impl Terminal {
 
     async fn answer(&self, question: &Question) -> Answer {
         loop {
-            // What was typed before the question is no answer to it.
+            // Lines typed before the question do not answer it.
             while self.typed.try_recv().is_ok() {}
             tell!("\n{}", words_of(question));
             let Some(line) = self.line().await else { return Answer::Nobody };
@@ -107,7 +107,7 @@ impl Terminal {
         }
     }
 
-    /// `None`: nobody is there any more, or a stop was asked for.
+    /// The next line. `None`: standard input has ended, or a stop was requested.
     async fn line(&self) -> Option<String> {
         loop {
             match self.typed.try_recv() {
@@ -134,7 +134,7 @@ fn yes_or_no(line: &str) -> Option<Answer> {
     }
 }
 
-/// A linear axis and a sign, or no. A plain yes names no direction.
+/// A linear axis and a sign, or no. Yes alone is not accepted, as it names no direction.
 fn retract_direction(line: &str) -> Option<Answer> {
     let line = line.to_ascii_uppercase();
     let (letter, is_positive) = match (line.strip_suffix('+'), line.strip_suffix('-')) {
@@ -146,7 +146,7 @@ fn retract_direction(line: &str) -> Option<Answer> {
     axis.is_linear().then_some(Answer::Retract(AxisDirection { axis, is_positive }))
 }
 
-/// A letter, an axis, or a distance.
+/// Parses an observation: a letter, an axis, or a distance.
 fn seen(line: &str) -> Option<Seen> {
     match line.to_ascii_lowercase().as_str() {
         "y" | "yes" => return Some(Seen::AsSaid),

@@ -1,4 +1,4 @@
-//! `trued token`: who may reach the page and its interface from elsewhere.
+//! `trued token`: access from other computers to the page and its interface.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! `trued trend`: how a machine's values went.
+//! `trued trend`: values of a machine over its runs.
 
 use std::path::Path;
 
@@ -33,7 +33,7 @@ pub fn trend(args: &TrendArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// As the machine file of its newest run has it; none where this version does not read it any more.
+/// Tolerances in the machine file of the newest run; none if this version cannot read that file.
 fn tolerance(journal: &Journal, machine: &str) -> Result<Vec<Limit>, Failure> {
     let runs = journal.runs()?;
     let Some(newest) = runs.iter().rev().find(|run| run.machine == machine) else {

@@ -1,4 +1,4 @@
-//! `trued watch`: what a sensor says, for whoever mounts or wires it.
+//! `trued watch`: shows a sensor's samples while the sensor is mounted or wired.
 
 use tokio::sync::mpsc;
 
@@ -28,7 +28,7 @@ pub fn watch(args: &WatchArgs) -> Result<Exit, Failure> {
     Ok(Exit::Pass)
 }
 
-/// Every sample, none left out.
+/// Shows every sample.
 async fn show(sensor: &Sensor, at: &str, shown: &mut Shown) -> Result<(), Failure> {
     let (tell, mut told) = mpsc::unbounded_channel();
     let good = move |sample: &Sample| tell.send(*sample).is_ok();
@@ -39,7 +39,7 @@ async fn show(sensor: &Sensor, at: &str, shown: &mut Shown) -> Result<(), Failur
             return Ok(());
         }
     }
-    // It has failed, or speaks when it is asked and only then.
+    // The sensor has failed, or it measures only on request.
     sensor.rest().await?;
     loop {
         for sample in sensor.take(1).await? {
@@ -53,12 +53,12 @@ async fn show(sensor: &Sensor, at: &str, shown: &mut Shown) -> Result<(), Failur
 struct Shown {
     json: bool,
     left: Option<u64>,
-    /// Silence is told once.
+    /// Whether the missing signal has been reported; it is reported once.
     silent: bool,
 }
 
 impl Shown {
-    /// Show it; was it the last?
+    /// Shows the sample; returns whether it is the last.
     fn ends_with(&mut self, sample: &Sample) -> bool {
         let Sample { t_s, value_mm, flag, missing, encoder_count } = *sample;
         let silent = flag == Flag::Stale;

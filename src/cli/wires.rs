@@ -1,4 +1,4 @@
-//! `--capture` and `--replay`: what lies between the program and its devices.
+//! `--capture` and `--replay`: the links between the program and its devices.
 
 use std::path::{Path, PathBuf};
 
@@ -10,7 +10,7 @@ use link::{Capture, Replay, Wiring};
 pub struct Wires<'a> {
     wiring: Wiring,
     captured: Option<&'a Path>,
-    /// The journal of a replay; it goes with it.
+    /// State directory of a replay; deleted at its end.
     scratch: Option<Scratch>,
 }
 
@@ -34,8 +34,8 @@ impl<'a> Wires<'a> {
         self.scratch.is_none()
     }
 
-    /// Where journal and locks are. Nothing is measured in a replay: it joins no journal, and nobody
-    /// can resume it on the machine.
+    /// Directory of journal and locks. A replay measures nothing: it has a directory of its own, and it cannot
+    /// be resumed.
     pub fn folder(&self, state: Option<&Path>) -> Result<PathBuf, Failure> {
         match &self.scratch {
             Some(scratch) => Ok(scratch.0.clone()),
@@ -43,7 +43,7 @@ impl<'a> Wires<'a> {
         }
     }
 
-    /// Open the devices behind these wires.
+    /// Opens the devices over these links.
     pub async fn connect(
         &self,
         opening: impl Future<Output = Result<Devices, Failure>>,
@@ -55,10 +55,10 @@ impl<'a> Wires<'a> {
         Ok(devices)
     }
 
-    /// The end of a run, whatever became of it: is its capture whole?
+    /// Ends the capture after the run, also after an error, and reports whether it is complete.
     ///
     /// # Errors
-    /// The run's own; of a replay, in its words.
+    /// The error of the run; in a replay with a message for replays.
     pub fn finish<T>(&self, ended: Result<T, Failure>) -> Result<T, Failure> {
         if let (Wiring::Captured(capture), Some(file)) = (&self.wiring, self.captured) {
             match capture.finish() {
@@ -70,7 +70,7 @@ impl<'a> Wires<'a> {
     }
 }
 
-/// Nothing moved, and nobody can resume it.
+/// The error of a replay: nothing has moved, and the run cannot be resumed.
 fn of_replay(failure: Failure) -> Failure {
     Failure::new(
         format!("the replay ended: {}", failure.what),
@@ -101,7 +101,7 @@ impl Scratch {
 
 impl Drop for Scratch {
     fn drop(&mut self) {
-        // What stays behind harms nobody.
+        // A leftover directory does no harm.
         let _ = std::fs::remove_dir_all(&self.0);
     }
 }

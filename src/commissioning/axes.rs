@@ -1,4 +1,4 @@
-//! Does each axis go whereto, and as far as, its command says?
+//! Checks direction and distance of each axis against its command.
 
 use std::time::Instant;
 
@@ -9,19 +9,19 @@ use machine::Axis;
 use machine::record::machine::Sense;
 use machine::record::question::{Answer, Jog, Question, Seen};
 
-/// How far an axis is jogged, mm or degrees.
+/// Length of a jog, mm or degrees.
 const BY: f64 = 1.0;
-/// What is seen to go so far is as said, mm or degrees.
+/// Tolerance of an observed distance, mm or degrees.
 const BY_EYE: f64 = 0.2;
 
-/// What keeps all from moving.
+/// Reason why no axis is jogged.
 pub(super) const UNSEEN: &str =
     "nobody is there to show that the probe answers: without it nothing stops at a contact";
 
-/// How one axis came out.
+/// Outcome of one axis.
 enum Looked {
     Told,
-    /// Nobody is there.
+    /// No operator is present.
     Nobody,
 }
 
@@ -53,7 +53,7 @@ async fn one(check: &mut Check<'_>, axis: Axis) -> Result<Looked, Ended> {
     let Some(jog) = planned(check, axis) else { return Ok(Looked::Told) };
     loop {
         let since = Instant::now();
-        // What cannot be shown to be free is not asked for.
+        // The operator is asked only about a jog that is proven to be free of collision.
         if let Err(error) = jog::proven(check, &jog) {
             trouble(check, &jog, since, &error).await?;
             return Ok(Looked::Told);
@@ -90,7 +90,7 @@ async fn one(check: &mut Check<'_>, axis: Axis) -> Result<Looked, Ended> {
     }
 }
 
-/// Whoever let it move is gone: it stays where it is.
+/// Reports that the operator has left: the axis stays where it is.
 fn left_there(check: &mut Check<'_>, jog: &Jog, since: Instant) {
     let axis = jog.axis;
     let what = format!("{axis} {}: nobody told what was seen, so it was not moved back", told(jog));
@@ -102,7 +102,7 @@ fn left_there(check: &mut Check<'_>, jog: &Jog, since: Instant) {
     );
 }
 
-/// `None`, and it is told, if the axis cannot be jogged from where it stands.
+/// The jog of an axis; `None`, with a finding, if the axis cannot be jogged from its position.
 fn planned(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
     let (since, machine) = (Instant::now(), &check.file.machine);
     let spec = machine.axes.get(&axis)?;
@@ -124,10 +124,10 @@ fn planned(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
     jog
 }
 
-/// A jog that was refused, or that the control did not do.
+/// Reports a jog that was refused or that the control did not execute.
 ///
 /// # Errors
-/// The control does not go on.
+/// The control cannot continue.
 async fn trouble(
     check: &mut Check<'_>,
     jog: &Jog,
@@ -142,7 +142,7 @@ async fn trouble(
     if error.is_harmless() { Ok(()) } else { Err(Ended::Unsafe) }
 }
 
-/// Where the control now says that the axes are, if it is not where they were.
+/// Reported motion since the jog, in words: the axis with the largest change. `None` if no position is known.
 async fn reported(check: &Check<'_>, jog: &Jog) -> Option<String> {
     let (before, now) = (check.stands.as_ref()?, check.controller().ok()?.look().await.ok()?);
     let gone = |axis: Axis| -> Option<f64> {
@@ -220,7 +220,7 @@ fn too_far(jog: &Jog, seen: f64) -> (String, String) {
     } else {
         ""
     };
-    // To a hundredth: nobody sees more.
+    // Rounded to a hundredth, the resolution of the eye.
     let seen = (seen * 100.0).round() / 100.0;
     let turned = if seen * jog.by < 0.0 { ", and the other way round" } else { "" };
     let what = format!(

@@ -1,17 +1,17 @@
-//! The machine file against what the control says of itself. Where the file asks for less than the
-//! control has, nothing is wrong.
+//! Compares the machine file with the data that the control reports. A file that claims less than the control
+//! has is correct.
 
 use devices::controllers::{AxisSays, Introduction};
 use machine::Axis;
 use machine::record::machine::{AxisSpec, Machine};
 
-/// What a control prints is rounded: this share more is no difference.
+/// Relative tolerance for rounded values of the control.
 const ROUNDED: f64 = 1e-3;
 
-/// What differs, and its remedy.
+/// A difference and its remedy.
 #[derive(Debug, PartialEq)]
 pub(super) struct Difference {
-    /// An axis that the machine file lets travel beyond the control's limits.
+    /// Axis whose travel in the machine file exceeds the control's limits.
     pub beyond_limits: Option<Axis>,
     pub what: String,
     pub remedy: String,

@@ -1,4 +1,4 @@
-//! Who is there, and does it say of itself what the machine file says of it?
+//! Checks that the control's device information agrees with the machine file.
 
 use std::time::Instant;
 
@@ -15,7 +15,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     let may_move = match introduced {
         Ok(says) => compare(check, says, since),
         Err(error) => {
-            // Where it cannot be prepared either, that tells why.
+            // If the control cannot be prepared either, that error explains more.
             prepare(check).await?;
             let what = format!("travel, speeds and axes: the control does not tell them: {error}");
             check.failed(Part::Control, since, what, error.remedy());
@@ -25,12 +25,12 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     if may_move {
         return prepare(check).await;
     }
-    // Where its positions are not what they seem, a small jog may go anywhere.
+    // If its positions are in doubt, a small jog may go anywhere.
     ready(check).await?;
     Err(Ended::Unsafe)
 }
 
-/// What it says of itself against the machine file; whether it may move so.
+/// Compares its device information with the machine file; returns whether it may move.
 fn compare(check: &mut Check<'_>, says: Introduction, since: Instant) -> bool {
     check.summary.control = Some(says.identity.clone());
     check.polarity.clone_from(&says.polarity);
@@ -60,14 +60,14 @@ fn compare(check: &mut Check<'_>, says: Introduction, since: Instant) -> bool {
     may_move
 }
 
-/// Make it ready, and the first time see that it stands where it says.
+/// Prepares the control; the first time, the operator compares its display with the reported position.
 pub(super) async fn prepare(check: &mut Check<'_>) -> Result<(), Ended> {
     let first = check.stands.is_none();
     ready(check).await?;
     if first && check.stands.is_some() { display(check).await } else { Ok(()) }
 }
 
-/// Probe and position, for the part `probe`. A control that does not report them is not a faulty probe.
+/// Probe and position, for the part `probe`. A control that does not report them is no fault of the probe.
 pub(super) async fn status(check: &mut Check<'_>, since: Instant) -> Result<Look, Ended> {
     match check.controller()?.look().await {
         Ok(look) => Ok(look),
@@ -79,7 +79,7 @@ pub(super) async fn status(check: &mut Check<'_>, since: Instant) -> Result<Look
     }
 }
 
-/// For a retract, while the probe reads closed; the position of all axes.
+/// Prepares a retract while the probe input is closed; returns the position of all axes.
 pub(super) async fn prepare_in_contact(check: &mut Check<'_>) -> Result<Position, Ended> {
     let since = Instant::now();
     match check.controller()?.prepare_in_contact().await {
@@ -95,7 +95,7 @@ pub(super) async fn prepare_in_contact(check: &mut Check<'_>) -> Result<Position
     }
 }
 
-/// A probe that reads closed is left to the next part.
+/// Prepares the control. A closed probe input is left to the next part.
 async fn ready(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();
     match check.controller()?.prepare().await {
@@ -125,8 +125,8 @@ async fn ready(check: &mut Check<'_>) -> Result<(), Ended> {
     }
 }
 
-/// A scale or an order of words that leaves all axes within their travel is seen by a person alone; an
-/// absolute move of one millimetre could then go anywhere.
+/// Only an operator can detect a wrong scale or a wrong order of registers that leaves all axes within their
+/// travel; an absolute move of one millimetre could then go anywhere.
 async fn display(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();
     let stands = check.stands.clone().unwrap_or_default();

@@ -1,4 +1,4 @@
-//! What a check found, and all of it to paste into a support request.
+//! Findings of a check, and the summary for a support request.
 
 use std::fmt;
 
@@ -36,18 +36,18 @@ impl Part {
 pub enum Verdict {
     Ok,
     Failed,
-    /// And it says why.
+    /// Not checked, with the reason.
     NotLookedAt,
 }
 
-/// One thing that was looked at.
+/// Result of one check.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
     pub part: Part,
     pub verdict: Verdict,
     pub what: String,
     pub took_s: f64,
-    /// What to do, where it failed.
+    /// Remedy of a failure.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub remedy: Option<String>,
 }
@@ -73,17 +73,17 @@ impl fmt::Display for Finding {
     }
 }
 
-/// All that was found. It names the machine as its file does, and nothing else that is private.
+/// All findings. The summary contains the machine's name and no other private data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     pub program_version: String,
     pub machine: String,
-    /// What the control calls itself, if it said so.
+    /// Identity of the control, if it reported one.
     pub control: Option<String>,
     pub findings: Vec<Finding>,
-    /// A person has stopped it.
+    /// Whether a person has stopped the check.
     pub stopped: bool,
-    /// The control was held at its end, and stays so until a person resets it.
+    /// Whether the control was held at the end. It stays held until an operator resets it.
     pub held: bool,
 }
 

@@ -1,4 +1,4 @@
-//! Does a halt stop the machine?
+//! Checks that a halt stops the machine.
 
 use std::pin::pin;
 use std::time::{Duration, Instant};
@@ -14,25 +14,25 @@ use machine::Axis;
 use machine::record::motion::Outcome;
 use machine::record::question::{Answer, Jog, Question};
 
-/// Length of the way that is held, mm.
+/// Length of the path that is held, mm.
 const BY: f64 = 5.0;
-/// When it is held.
+/// Time from the start of the motion to the halt.
 const AFTER: Duration = Duration::from_millis(1500);
-/// Farther than this it may not go on, mm; at the slow feed of a jog that is a second.
+/// Maximum travel after the halt, mm; one second at the slow feed of a jog.
 const GOES_ON: f64 = 1.0;
-/// A person may be too early so often.
+/// Maximum number of questions to the operator, who may answer too early.
 const TRIES: usize = 3;
-/// What stands so near to the end has reached it, mm.
+/// Maximum distance from the end at which the axis has reached it, mm.
 const AT_END: f64 = 0.05;
-/// For who makes the control hold.
+/// Remedy for the person who configures the hold of the control.
 const HOW: &str = "how does the control take one? Modbus: hold in [controller.registers.command] \
                    (docs/line-window.md); grblHAL: `!` in real time; LinuxCNC: abort by linuxcncrsh";
 
-/// How the jog ended.
+/// Result of the held jog.
 struct Held {
-    /// From its beginning to the halt; `None`: it was over before.
+    /// Time from the start to the halt, s; `None`: the motion had ended before.
     before_s: Option<f64>,
-    /// From the halt to its end.
+    /// Time from the halt to the end of the motion, s.
     took_s: f64,
     ended: Result<Outcome, ControllerError>,
 }
@@ -59,7 +59,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     }
     let since = Instant::now();
     if check.site.bystander().is_some() {
-        // In its own time, or there is nothing to hold.
+        // At real pace, otherwise the motion ends before the halt.
         if let Err(error) = ready(check, Pace::Real).await {
             check.failed(Part::Hold, since, error.to_string(), error.remedy().unwrap_or_default());
             return Err(Ended::Unsafe);
@@ -79,7 +79,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     if judge(check, &jog, held, since).await? { released(check).await } else { Ok(()) }
 }
 
-/// Of the linear axis with the most room.
+/// A jog of the linear axis with the most travel.
 fn longest(check: &Check<'_>) -> Option<Jog> {
     let stands = check.stands.as_ref()?;
     let room = |axis: Axis| {
@@ -101,7 +101,7 @@ async fn run(check: &Check<'_>, proven: Proven) -> Result<Held, Ended> {
     let _motion = check.stop.motion().ok_or(Ended::Stopped)?;
     let mut executing = pin!(controller.execute(proven.block));
     let begun = Instant::now();
-    // The request goes on whatever becomes of the time-out.
+    // The motion continues after the timeout.
     if let Ok(ended) = timeout(AFTER, &mut executing).await {
         return Ok(Held { before_s: None, took_s: 0.0, ended });
     }
@@ -112,7 +112,7 @@ async fn run(check: &Check<'_>, proven: Proven) -> Result<Held, Ended> {
     Ok(Held { before_s, took_s: halted.elapsed().as_secs_f64(), ended })
 }
 
-/// Whether the control is held.
+/// Judges the jog; returns whether the control is held.
 async fn judge(
     check: &mut Check<'_>,
     jog: &Jog,
@@ -168,7 +168,8 @@ async fn judge(
     Ok(true)
 }
 
-/// Ready for what follows: a link that was held takes no line any more. A person may be too early.
+/// Waits until the operator has released the control, as a held link accepts no line. The operator may answer
+/// too early.
 async fn released(check: &mut Check<'_>) -> Result<(), Ended> {
     let mut not_yet = None;
     for _ in 0..TRIES {
@@ -190,7 +191,7 @@ async fn released(check: &mut Check<'_>) -> Result<(), Ended> {
     Ok(())
 }
 
-/// Opened anew and prepared.
+/// Opens the control again and prepares it.
 async fn ready(check: &mut Check<'_>, pace: Pace) -> Result<(), SetupError> {
     check.open(pace).await?;
     let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;

@@ -1,4 +1,4 @@
-//! One small move: planned, written, read back and proven; only then sent.
+//! One small motion: planned, rendered, read back and proven before it is sent.
 
 use super::Check;
 use crate::setup;
@@ -10,18 +10,18 @@ use machine::{Axis, Position};
 use planning::gcode::{RenderError, Transmission};
 use planning::proof::{JogRequest, ProvenBlock, Refusal, Unproven, prove_jog, prove_retract};
 
-/// Slow enough to be watched: a millimetre, or a degree, takes a second.
+/// Feed of a jog, mm/min or degrees/min, slow enough to be watched: a millimetre or a degree takes a second.
 const FEED_PER_MIN: f64 = 60.0;
-/// One step of a retract, mm.
+/// Length of one retract step, mm.
 pub(super) const RETRACT_MM: f64 = 1.0;
-/// A homed axis may stand so far beyond its limit, mm or degrees.
+/// Maximum distance of a homed axis beyond its limit, mm or degrees.
 const AT_LIMIT: f64 = 0.01;
-/// Standing still, a control's reports may differ by this much, mm or degrees.
+/// Maximum difference between two reported positions at rest, mm or degrees.
 const STILL: f64 = 0.02;
-/// In the N words.
+/// Step number in the N words.
 const STEP: u32 = 1;
 
-/// Why a jog did not come to its end.
+/// Reason why a jog did not reach its end.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum JogError {
     #[error("it cannot be written: {0}")]
@@ -55,13 +55,13 @@ impl JogError {
         }
     }
 
-    /// Nothing has moved, and the control is as it was.
+    /// Whether nothing has moved and the control is unchanged.
     pub fn is_harmless(&self) -> bool {
         !matches!(self, Self::Control(_) | Self::Moved { .. })
     }
 }
 
-/// So far, away from the nearer limit. `None`: the axis has not so much travel.
+/// A jog by `by` away from the nearer limit. `None`: the axis lacks the travel.
 pub(super) fn inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Position) -> Option<Jog> {
     let here = axis.to_edge(stands.get(axis)?);
     let (up, down) = (spec.max - here, here - spec.min);
@@ -74,26 +74,28 @@ pub(super) fn inwards(axis: Axis, by: f64, spec: &AxisSpec, stands: &Position) -
     })
 }
 
-/// Its way back.
+/// The jog back.
 pub(super) fn back(jog: &Jog) -> Jog {
     Jog { by: -jog.by, ..*jog }
 }
 
-/// A jog that is proven.
+/// A proven jog.
 pub(super) struct Proven {
     pub block: ProvenBlock,
-    /// Where it ends, mm or rad.
+    /// End position, mm or rad.
     pub to: f64,
 }
 
+/// Proves a jog.
+///
 /// # Errors
-/// It cannot be written, or would come near something.
+/// The jog cannot be rendered, or it comes too close to a body.
 pub(super) fn proven(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
     let stands = check.stands.as_ref().ok_or(ControllerError::DriverGone)?;
     prove(check, stands, jog, &JOG)
 }
 
-/// How a move is written, and its proof.
+/// Motion and proof of a kind of move.
 struct MoveKind {
     motion: fn(&Jog, f64) -> Motion,
     proof: fn(&JogRequest<'_>, &Transmission, &Block) -> Result<ProvenBlock, Unproven>,
@@ -120,20 +122,21 @@ fn prove(
     Ok(Proven { block: (kind.proof)(&request, transmission, &block)?, to })
 }
 
-/// And the machine still stands where the proof has it: from elsewhere the same words are another move.
+/// Proves a jog and checks that the machine is still at the start position of the proof: from elsewhere the
+/// same text is another motion.
 ///
 /// # Errors
-/// As [`proven`]; or somebody has moved the machine, or the control does not tell.
+/// See [`proven`]; or the machine was moved, or the control does not report its position.
 pub(super) async fn proven_there(check: &Check<'_>, jog: &Jog) -> Result<Proven, JogError> {
     let proven = proven(check, jog)?;
     unmoved(check).await?;
     Ok(proven)
 }
 
-/// There; the reports followed.
+/// Executes a jog and updates the position.
 ///
 /// # Errors
-/// Nothing has moved, or the control says why it stopped.
+/// See [`proven_there`]; or the error of the control that stopped the jog.
 pub(super) async fn go(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError> {
     let Proven { block, to } = proven_there(check, jog).await?;
     execute(check, block).await?;
@@ -143,10 +146,10 @@ pub(super) async fn go(check: &mut Check<'_>, jog: &Jog) -> Result<(), JogError>
     Ok(())
 }
 
-/// One step out of contact from `stands`, which the driver compares with the control's report.
+/// Makes one step out of contact from `stands`, which the driver compares with the control's report.
 ///
 /// # Errors
-/// As [`go`]; `StillTripped`: the step is made, and the probe still reads closed.
+/// As [`go`]; `StillTripped`: the step is complete, and the probe input is still closed.
 pub(super) async fn retract(
     check: &Check<'_>,
     stands: &Position,
@@ -160,7 +163,7 @@ pub(super) async fn retract(
     execute(check, block).await
 }
 
-/// A stop holds the machine meanwhile.
+/// Executes a block; a stop holds the machine during the motion.
 async fn execute(check: &Check<'_>, block: ProvenBlock) -> Result<(), JogError> {
     let controller = check.controller().map_err(|_| ControllerError::DriverGone)?;
     let _motion = check.stop.motion().ok_or(ControllerError::Halted)?;
@@ -182,7 +185,7 @@ async fn unmoved(check: &Check<'_>) -> Result<(), JogError> {
     Ok(())
 }
 
-/// Linear axes are guarded, a rotary one turns at feed.
+/// A jog of a linear axis is guarded; a rotary axis turns at feed.
 fn motion(jog: &Jog, to: f64) -> Motion {
     let (axis, feed_mm_min) = (jog.axis, jog.feed_per_min);
     let to = Position::new().with(axis, to);
@@ -192,7 +195,7 @@ fn motion(jog: &Jog, to: f64) -> Motion {
     }
 }
 
-/// A probing move is impossible while the probe reads closed.
+/// A probing move is impossible while the probe input is closed.
 fn back_off(jog: &Jog, to: f64) -> Motion {
     Motion::BackOff { to: Position::new().with(jog.axis, to), feed_mm_min: jog.feed_per_min }
 }

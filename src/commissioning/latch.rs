@@ -1,5 +1,5 @@
-//! Does the control itself keep the position of a contact? A run of `latch-delay` tells: one
-//! place of the part, touched at two feeds. It stands in the journal as such a run.
+//! Checks that the control itself latches the position of a contact, by a run of `latch-delay`: one point of
+//! the part, touched at two feeds. The journal contains it as such a run.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -17,7 +17,7 @@ use machine::record::question::{Answer, Question};
 use methods::latch_delay::{self, Found, Latch};
 use methods::{IdentifyError, Method, Refused};
 
-/// What a scan may add to a touch, as a share of the declared repeatability.
+/// Maximum share of the declared repeatability that the scan period may add to a touch.
 const SHARE: f64 = 0.1;
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
@@ -30,7 +30,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         return Ok(());
     }
     let since = Instant::now();
-    // Who checks the machine is asked by the check.
+    // The check itself asks the operator.
     let file = check.file.without_prompts();
     let (method, plan) = match setup::header(&file, latch_delay::NAME, None) {
         Ok((method, plan)) => (Arc::<dyn Method>::from(method), plan),
@@ -59,7 +59,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     }
 }
 
-/// What a person allows.
+/// Description of the run, for the operator's permission.
 fn announced(method: &dyn Method, plan: Plan) -> Result<String, Refused> {
     let (plan, stages) = methods::nominal(method, plan)?;
     let planned = planning::staged_blocks(&plan, &stages);
@@ -99,14 +99,14 @@ async fn touch(check: &mut Check<'_>, method: Arc<dyn Method>, plan: Plan) -> Re
     Ok(())
 }
 
-/// The run, as every run.
+/// Makes the run as any other run.
 async fn measure(
     check: &Check<'_>,
     method: Arc<dyn Method>,
     mut plan: Plan,
 ) -> Result<Result<Found, CycleError>, Ended> {
     let devices = check.devices.as_ref().ok_or(Ended::Unsafe)?;
-    // A person has deflected the stylus already.
+    // The operator has deflected the stylus already.
     plan.probe.live_check = LiveCheck::Touch;
     let new = NewRun { config: check.file.text().to_owned(), plan: plan.clone() };
     let id = match check.journal.begin(&new).await {
@@ -182,12 +182,12 @@ fn judge(check: &mut Check<'_>, found: &Found, probe: &Probe, since: Instant) {
     }
 }
 
-/// What to do about a latch that a scan of `t_s` reads.
+/// Remedy for a latch that the control reads once per scan period `t_s`, s.
 fn to_the_control(probe: &Probe, t_s: f64) -> String {
     let wire = "lead the probe to the control's own probe (skip) input, a fast or interrupt input, \
                 instead of the PLC's";
     match probe.repeatability_um {
-        // A scan adds v·T/√12.
+        // A scan period T adds v·T/√12 at feed v.
         Some(um) => format!(
             "{wire}; until then a feed_mm_min of at most {:.2} keeps what the scan adds to a touch under \
              a tenth of repeatability_um",
@@ -197,7 +197,7 @@ fn to_the_control(probe: &Probe, t_s: f64) -> String {
     }
 }
 
-/// The first touch, or a later one, went to its end.
+/// Whether a touch ended without contact.
 fn met_nothing(error: &RunError) -> bool {
     match error {
         RunError::NoFirstContact { .. } => true,
@@ -211,7 +211,7 @@ fn remedy(error: &CycleError) -> String {
         CycleError::Run { error, .. } => error.remedy(),
         CycleError::Identification { why: Unidentified::Refused(error), .. } => match error {
             IdentifyError::Refused(_) | IdentifyError::Numerical(_) => error.remedy(),
-            // The others speak of a plan that a person has, and of a run to go on with.
+            // The other errors refer to a plan of the user or to a run that can be resumed.
             _ => "check again".to_owned(),
         },
         CycleError::Identification { .. } => "check again".to_owned(),

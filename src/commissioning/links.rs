@@ -1,5 +1,4 @@
-//! Is each device there? Where nothing sensible answers, the control's own room is asked what
-//! would.
+//! Checks that each device answers. If the answer makes no sense, the driver of the control diagnoses the link.
 
 use std::time::Instant;
 
@@ -31,7 +30,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     Err(Ended::Unsafe)
 }
 
-/// Tell what failed, and why that may be. The link is let go.
+/// Reports the failure and its possible causes; closes the link.
 pub(super) async fn why(
     check: &mut Check<'_>,
     part: Part,

@@ -1,9 +1,8 @@
-//! `trued check`. Part by part, does the machine do what its file says? Each part looks at
-//! one thing, says what it found, and names the mistake with its remedy. Nothing moves that a person
-//! has not allowed just before, and that was not proven; what nobody can answer for is told as not
-//! looked at.
+//! `trued check`: compares the machine with its machine file, part by part. Each part checks one aspect,
+//! reports its finding, and names a fault with its remedy. Every motion is proven and needs the operator's
+//! permission directly before it; a check that nobody can confirm is reported as not checked.
 //!
-//! A part that fails where going on would not be safe ends the check; otherwise the next one follows.
+//! A failed part ends the check if it would not be safe to continue; otherwise the next part follows.
 
 mod axes;
 mod compare;
@@ -36,19 +35,19 @@ use machine::record::question::{Answer, Question};
 use machine::{Axis, Position};
 use planning::gcode::Transmission;
 
-/// Why the parts that follow are not looked at.
+/// Reason why the remaining parts are not checked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Ended {
-    /// What failed must be put right first.
+    /// The fault must be corrected first.
     Unsafe,
-    /// A person has stopped it.
+    /// A person has stopped the check.
     Stopped,
 }
 
 type Looking<'c> = Pin<Box<dyn Future<Output = Result<(), Ended>> + 'c>>;
 type Look = for<'c, 'a> fn(&'c mut Check<'a>) -> Looking<'c>;
 
-/// The parts in their order. A device more is a line here.
+/// The parts in their order. A new part is a line here.
 const PARTS: [(Part, Look); 7] = [
     (Part::Links, |check| Box::pin(links::look(check))),
     (Part::Sensors, |check| Box::pin(sensors::look(check))),
@@ -59,36 +58,36 @@ const PARTS: [(Part, Look); 7] = [
     (Part::Latch, |check| Box::pin(latch::look(check))),
 ];
 
-/// Whom and what a check needs.
+/// State of a check, with its machine and its operator.
 pub struct Check<'a> {
     file: &'a MachineFile,
     site: &'a Site<'a>,
     pace: Pace,
-    /// Takes the run that the last part makes.
+    /// Stores the run that the last part makes.
     journal: &'a Journal,
     person: &'a mut dyn Person,
-    /// Told of each finding as it comes.
+    /// Called with each finding.
     tell: &'a mut dyn FnMut(&Finding),
     stop: Stop,
-    /// Open, once the links were looked at.
+    /// The open devices, once the links are checked.
     devices: Option<Devices>,
-    /// Where the machine stands, once the control was looked at.
+    /// Position of the machine, once the control is checked.
     stands: Option<Position>,
-    /// How the control receives blocks, once it was prepared.
+    /// How the control receives blocks; known after it was prepared.
     transmission: Option<Transmission>,
-    /// How the sense of the probe's input is turned at the control, in its words.
+    /// Setting that inverts the probe input at the control, in its own terms.
     polarity: Option<String>,
-    /// It was seen open and closed.
+    /// Whether the probe input was seen both open and closed.
     probe_answers: bool,
-    /// An axis did not go as it was told to.
+    /// Whether an axis did not follow its command.
     strays: bool,
-    /// Axes that the machine file lets travel beyond the control's limits: a jog may end in an alarm.
+    /// Axes whose travel in the machine file exceeds the control's limits: a jog may end in an alarm.
     beyond_limits: Vec<Axis>,
     summary: Summary,
 }
 
 impl<'a> Check<'a> {
-    /// `stop` holds whatever is open.
+    /// A new check; `stop` holds the open control.
     pub fn new(
         (file, site, pace): (&'a MachineFile, &'a Site<'a>, Pace),
         journal: &'a Journal,
@@ -118,7 +117,7 @@ impl<'a> Check<'a> {
         }
     }
 
-    /// All parts. Call inside a tokio runtime.
+    /// Runs all parts. Call inside a tokio runtime.
     pub async fn through(mut self) -> Summary {
         let mut ended = None;
         for (part, look) in PARTS {
@@ -137,17 +136,19 @@ impl<'a> Check<'a> {
         self.summary
     }
 
-    /// Put the control's modes back. After a fault or a stop nothing more is sent.
+    /// Restores the control's modes. After a fault or a stop nothing more is sent.
     async fn leave_as_found(&self) {
         let sound = self.summary.count(Verdict::Failed) == 0 && !self.summary.stopped;
         if let (Ok(controller), Some(_), true) = (self.controller(), &self.stands, sound) {
-            // Whatever it says: the check is over, and the next one sets them anew.
+            // An error is ignored: the check is over, and the next one sets the modes again.
             drop(controller.finish().await);
         }
     }
 
+    /// Asks the operator.
+    ///
     /// # Errors
-    /// A stop.
+    /// A stop was requested.
     async fn ask(&mut self, question: Question) -> Result<Answer, Ended> {
         self.go_on()?;
         let answer = self.person.ask(&question).await;
@@ -164,9 +165,9 @@ impl<'a> Check<'a> {
         self.devices.as_ref().map(|devices| &devices.controller).ok_or(Ended::Unsafe)
     }
 
-    /// Open the control, anew after a hold.
+    /// Opens the control, also again after a hold.
     async fn open(&mut self, pace: Pace) -> Result<(), SetupError> {
-        // A port is open once.
+        // A port can be open only once.
         self.devices = None;
         let devices = self.site.open(pace).await?;
         self.stop.guards(devices.controller.halt());
@@ -188,7 +189,7 @@ impl<'a> Check<'a> {
         self.found(part, Verdict::Failed, since, what.into(), Some(remedy.into()));
     }
 
-    /// Whether `what` was found to be wrong already.
+    /// Whether `what` was reported as a failure already.
     fn has_failed(&self, what: &str) -> bool {
         let mut findings = self.summary.findings.iter();
         findings.any(|finding| finding.verdict == Verdict::Failed && finding.what == what)

@@ -1,4 +1,4 @@
-//! The seam to whoever stands at the machine.
+//! Interface to the operator at the machine.
 
 use std::pin::Pin;
 use std::time::Duration;
@@ -8,17 +8,17 @@ use simulator::Bystander;
 
 pub type Answering<'a> = Pin<Box<dyn Future<Output = Answer> + 'a>>;
 
-/// Somebody who can be asked. While an answer is waited for, the links live on: a person may take as
-/// long as they like, and must not block the runtime.
+/// Operator who answers questions. The links stay active during the wait: an operator may take any time and
+/// must not block the runtime.
 pub trait Person {
     fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a>;
-    /// After an answer, what a hand does is done within this time.
+    /// Maximum time from an answer to the end of the manual action.
     fn takes(&self) -> Duration {
         Duration::from_secs(20)
     }
 }
 
-/// Nobody is there: nothing moves.
+/// No operator is present: nothing moves.
 pub struct Nobody;
 
 impl Person for Nobody {
@@ -32,7 +32,7 @@ impl Person for Bystander {
         Box::pin(std::future::ready(self.answer(question)))
     }
 
-    /// It is done with the answer; the control may be slow to show it.
+    /// The simulated operator acts before the answer; the control may report it late.
     fn takes(&self) -> Duration {
         Duration::from_millis(300)
     }

@@ -1,5 +1,5 @@
-//! Is the probe's input open at rest, closed while the stylus is deflected, and open again?
-//! Nothing moves but what a person's finger moves, and the retract out of contact before it.
+//! Checks that the probe input is open at rest, closed while the stylus is deflected, and open again. Nothing
+//! moves but the stylus, by hand, and before it the retract out of contact.
 
 use std::time::{Duration, Instant};
 
@@ -11,13 +11,13 @@ use machine::record::question::{Answer, Question, Stylus};
 const NOBODY: &str = "nobody is there to deflect the stylus";
 const POLL: Duration = Duration::from_millis(20);
 
-/// What the input did.
+/// Observed behaviour of the probe input.
 struct Seen {
-    /// Closed at rest.
+    /// The input is closed at rest.
     rests_closed: bool,
-    /// It read otherwise while the stylus was deflected.
+    /// The input changes while the stylus is deflected.
     answers: bool,
-    /// And again as at rest afterwards.
+    /// The input returns to its state at rest.
     comes_back: bool,
 }
 
@@ -33,19 +33,19 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     };
     if let Some((what, remedy)) = seen.mistake(check.polarity.as_deref()) {
         check.failed(Part::Probe, since, what, remedy);
-        // Nothing would stop at a contact.
+        // With a faulty probe nothing would stop at a contact.
         return Err(Ended::Unsafe);
     }
     check.well(Part::Probe, since, "open at rest, closed while deflected, open again");
     check.probe_answers = true;
     match check.stands {
         Some(_) => stands_anew(check, since).await,
-        // The stylus was pressed while the control was prepared.
+        // The stylus was deflected while the control was prepared.
         None => control::prepare(check).await,
     }
 }
 
-/// `None`, and it is told, if it cannot be looked at.
+/// Watches the probe input; `None`, with a finding, if it cannot be checked.
 async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, Ended> {
     if !mounted(check).await? {
         let rests_closed = control::status(check, since).await?.probe_closed;
@@ -69,7 +69,7 @@ async fn watch(check: &mut Check<'_>, since: Instant) -> Result<Option<Seen>, En
     Ok(Some(Seen { rests_closed, answers, comes_back }))
 }
 
-/// Where a sensor may sit in the probe's place, a person is asked to put the probe back.
+/// Whether the probe is mounted. The operator is asked to mount it if a sensor may have replaced it.
 async fn mounted(check: &mut Check<'_>) -> Result<bool, Ended> {
     let swapped = check.file.sensors.iter().any(|entry| entry.sensor.mount.is_spindle());
     Ok(!swapped || check.ask(Question::Stylus(Stylus::Mounted)).await? != Answer::No)
@@ -87,13 +87,13 @@ fn nobody(check: &mut Check<'_>, since: Instant, rests_closed: bool, why: &str) 
     }
 }
 
-/// Who deflects a stylus may have moved the machine to reach it.
+/// Updates the position: the operator may have moved the machine to reach the stylus.
 async fn stands_anew(check: &mut Check<'_>, since: Instant) -> Result<(), Ended> {
     check.stands = Some(control::status(check, since).await?.stands);
     Ok(())
 }
 
-/// Whether it reads so before long.
+/// Waits for the state `closed` of the probe input; returns whether it came in time.
 async fn becomes(check: &mut Check<'_>, since: Instant, closed: bool) -> Result<bool, Ended> {
     let deadline = Instant::now() + check.person.takes();
     loop {
@@ -109,7 +109,7 @@ async fn becomes(check: &mut Check<'_>, since: Instant, closed: bool) -> Result<
 }
 
 impl Seen {
-    /// `polarity`: how its sense is turned at the control.
+    /// Fault and remedy. `polarity`: the setting that inverts the input at the control.
     fn mistake(&self, polarity: Option<&str>) -> Option<(String, String)> {
         let (what, remedy) = match (self.rests_closed, self.answers) {
             (false, true) if self.comes_back => return None,

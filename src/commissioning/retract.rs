@@ -1,6 +1,6 @@
-//! The way out of contact. After an unexpected contact the stylus stays pressed, and no control makes a
-//! probing move while its probe reads closed. A person names one linear axis and its sense; the machine
-//! makes one small feed move; the probe is read again.
+//! Retract out of contact. After an unexpected contact the stylus stays deflected, and no control executes a
+//! probing move while its probe input is closed. The operator names one linear axis and a direction, the
+//! machine makes one small feed move, and the probe is read again.
 
 use std::time::Instant;
 
@@ -11,13 +11,13 @@ use devices::controllers::ControllerError;
 use machine::record::question::{Answer, AxisDirection, Jog, Question};
 use machine::{Axis, Position};
 
-/// Answers in one check.
+/// Maximum number of answers in one check.
 const MAX_ANSWERS: usize = 20;
 
-/// Asks for a direction and makes a step, until the probe reads open or the person leaves it closed.
+/// Asks for a direction and makes a step, until the probe input is open or the operator leaves it closed.
 ///
 /// # Errors
-/// The stylus was led out of contact; a stop; the control does not go on.
+/// The stylus was retracted out of contact, a stop was requested, or the control cannot continue.
 pub(super) async fn out_of_contact(check: &mut Check<'_>) -> Result<(), Ended> {
     let since = Instant::now();
     let mut last_result = None;
@@ -40,8 +40,8 @@ pub(super) async fn out_of_contact(check: &mut Check<'_>) -> Result<(), Ended> {
     Err(Ended::Unsafe)
 }
 
-/// The check ends: jogs are proven from where the control shows the machine, and it met something where
-/// nothing should be.
+/// Ends the check: jogs are proven from the position that the control reports, but the stylus met something at
+/// an unexpected place.
 fn freed(check: &mut Check<'_>, since: Instant) -> Ended {
     let what =
         "out of contact: the probe reads open; the machine may not stand where its control shows";
@@ -51,7 +51,7 @@ fn freed(check: &mut Check<'_>, since: Instant) -> Ended {
     Ended::Unsafe
 }
 
-/// Of each linear axis at a positive command.
+/// Visible motion of each linear axis at a positive command.
 fn visible_motions(check: &Check<'_>, position: &Position) -> Vec<String> {
     let machine = &check.file.machine;
     let motions = Axis::LINEAR.into_iter().filter_map(|axis| {
@@ -61,13 +61,13 @@ fn visible_motions(check: &Check<'_>, position: &Position) -> Vec<String> {
     motions.collect()
 }
 
-/// The result of one step, in words. A step that is not proven is not made.
+/// Makes one step and describes its result. A step without a proof is not made.
 async fn step(check: &mut Check<'_>, direction: AxisDirection) -> Result<String, Ended> {
     let since = Instant::now();
     let position = control::prepare_in_contact(check).await?;
     match jog::retract(check, &position, direction).await {
         Ok(()) => Ok(format!("{direction}: moved by {RETRACT_MM} mm")),
-        // The ordinary outcome of a step that was not the last.
+        // The usual outcome of every step but the last.
         Err(JogError::Control(ControllerError::StillTripped { .. })) => {
             Ok(format!("{direction}: moved by {RETRACT_MM} mm; the probe still reads closed"))
         }

@@ -1,4 +1,4 @@
-//! Does each sensor speak, and does what it says make sense? Nothing moves.
+//! Checks that each sensor answers with plausible samples. Nothing moves.
 
 use std::time::Instant;
 
@@ -7,17 +7,17 @@ use crate::setup::machine_file::SensorEntry;
 use devices::sensors::{Prepared, Sample, SensorError};
 use machine::record::reading::Flag;
 
-/// It is listened to for so long, s, and for so many samples at least and at most.
+/// Duration of the test of a sensor, s, and its minimum and maximum number of samples.
 const LISTEN_S: f64 = 0.5;
 const FEWEST: u32 = 20;
 const MOST: u32 = 500;
-/// More noise than so many times what is declared is another sensor, or another place.
+/// Maximum ratio of the measured noise to the declared noise. More indicates another sensor, or another
+/// mounting place.
 const NOISY: f64 = 5.0;
-/// A rate that is off by more than this share is another one. The computer may be late with the first or the
-/// last of what it takes.
+/// Maximum relative deviation of the sample rate. The computer may be late with the first or the last sample.
 const OFF_RATE: f64 = 0.2;
 
-/// What is wrong, and what to do.
+/// A fault and its remedy.
 type Mistake = (String, &'static str);
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
@@ -60,7 +60,7 @@ fn mistake(
         .or_else(|| rate((*rate_hz)?, samples))
 }
 
-/// Samples that did not come.
+/// Fault of missing samples.
 fn lost(samples: &[Sample]) -> Option<Mistake> {
     let missing = missing(samples);
     let jumps = samples.iter().filter(|sample| sample.missing > 0).count();
@@ -106,7 +106,7 @@ fn rate(declared_hz: f64, samples: &[Sample]) -> Option<Mistake> {
     (span_s > 0.0 && off).then_some((what, remedy))
 }
 
-/// As the sensor's counter says.
+/// Number of missing samples by the sensor's counter.
 fn missing(samples: &[Sample]) -> u64 {
     samples.iter().map(|sample| u64::from(sample.missing)).sum()
 }
@@ -123,7 +123,7 @@ fn values(samples: &[Sample]) -> Vec<f64> {
     samples.iter().filter_map(|sample| sample.value_mm).collect()
 }
 
-/// Mean and standard deviation; `None` of fewer than two.
+/// Mean and standard deviation; `None` for fewer than two values.
 fn statistics(values: &[f64]) -> Option<(f64, f64)> {
     let count = values.len() as f64;
     let mean = values.iter().sum::<f64>() / count;

@@ -1,5 +1,5 @@
-//! A stop that holds whatever moves, though the control may be opened more than once. While nothing moves
-//! it only ends the check: a control that is held when it is idle has to be reset by a person.
+//! A stop that holds a moving machine, even if the control is opened more than once. At rest it only ends the
+//! check: an operator would have to reset a control that was held while idle.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -13,11 +13,11 @@ pub struct Stop {
 
 #[derive(Default)]
 struct Guarded {
-    /// Of the open control.
+    /// Halt handle of the open control.
     control: Option<Halt>,
-    /// Something may move.
+    /// Whether a motion may be in progress.
     moves: bool,
-    /// The hold was sent.
+    /// Whether the hold was sent.
     held: bool,
 }
 
@@ -39,13 +39,13 @@ impl Default for Stop {
     }
 }
 
-/// A halt is whole whatever panicked beside it.
+/// Locks the state; it is valid even if another thread has panicked.
 fn lock(guarded: &Mutex<Guarded>) -> MutexGuard<'_, Guarded> {
     guarded.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl Stop {
-    /// For signals.
+    /// Halt handle for signals.
     pub fn halt(&self) -> Halt {
         self.halt.clone()
     }
@@ -54,18 +54,18 @@ impl Stop {
         self.halt.is_halted()
     }
 
-    /// Whether it has held the control.
+    /// Whether the stop has held the control.
     pub(super) fn has_held(&self) -> bool {
         lock(&self.guarded).held
     }
 
-    /// From now on it holds this control.
+    /// Sets the control that the stop holds.
     pub(super) fn guards(&self, control: Halt) {
         lock(&self.guarded).control = Some(control);
     }
 
-    /// Something may move until the guard is dropped, and a stop holds it. `None`: a stop was asked for, and
-    /// nothing may move any more.
+    /// Begins a motion, which a stop holds until the guard is dropped. `None`: a stop was requested, and no
+    /// motion may begin.
     pub(super) fn motion(&self) -> Option<Motion> {
         let mut guarded = lock(&self.guarded);
         guarded.moves = !self.is_asked();

@@ -1,4 +1,4 @@
-//! Does each thermometer answer, and with a temperature? Nothing moves.
+//! Checks that each thermometer answers with a temperature. Nothing moves.
 
 use std::time::Instant;
 
@@ -15,7 +15,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     for (name, said) in told {
         match said {
             Ok(celsius) => check.well(Part::Sensors, since, format!("{name}: {celsius:.2} °C")),
-            // Of a machine file that was written for a simulated machine.
+            // The machine file was written for a simulated machine.
             Err(error @ ThermometerError::NothingToFeel) => {
                 check.not_looked_at(Part::Sensors, format!("{name}: {error}; {}", error.remedy()));
             }

@@ -1,4 +1,5 @@
-//! What a person is asked, in words; and what will be seen of a jog, from the machine's chain.
+//! Texts of the questions to the operator; the visible motion of a jog comes from the machine's kinematic
+//! chain.
 
 use nalgebra::Vector3;
 
@@ -8,7 +9,7 @@ use machine::record::machine::{Carrier, Machine};
 use machine::record::question::{Jog, Question, Stylus};
 use machine::{Axis, Position};
 
-/// The question, and how to answer it on a terminal.
+/// Text of a question, with the possible answers on a terminal.
 pub fn of(question: &Question) -> String {
     match question {
         Question::Shows(stands) => format!(
@@ -77,7 +78,7 @@ fn retract_direction(stands: &Position, look_for: &[String], last_result: Option
     )
 }
 
-/// mm and degrees.
+/// Positions in mm and degrees.
 pub(super) fn position(stands: &Position) -> String {
     let stands = stands.iter().map(|(axis, at)| format!("{axis} {:.3}", axis.to_edge(at)));
     stands.collect::<Vec<_>>().join(" ")
@@ -87,17 +88,17 @@ pub(super) fn unit(axis: Axis) -> &'static str {
     if axis.is_linear() { "mm" } else { "degree" }
 }
 
-/// `1 mm`, `1°`.
+/// An amount such as `1 mm` or `1°`.
 pub(super) fn amount(axis: Axis, value: impl std::fmt::Display) -> String {
     if axis.is_linear() { format!("{value} mm") } else { format!("{value}°") }
 }
 
-/// `+1 mm`, `-1°`.
+/// Amount of a jog, such as `+1 mm` or `-1°`.
 pub(super) fn told(jog: &Jog) -> String {
     amount(jog.axis, format_args!("{:+}", jog.by))
 }
 
-/// What moves, and whereto, if the machine file is right and the machine stands at `stands`; `None`
+/// What moves, and in which direction, if the machine file is correct and the machine is at `stands`; `None`
 /// for a chain that cannot be built.
 pub(super) fn look_for(machine: &Machine, stands: &Position, jog: &Jog) -> Option<String> {
     let carried = Chain::new(machine).ok()?.carried(Carrier::Axis(jog.axis))?;
@@ -111,14 +112,14 @@ pub(super) fn look_for(machine: &Machine, stands: &Position, jog: &Jog) -> Optio
         let (axis, along) = largest(moved.translation.vector)?;
         format!("{what} goes {by} towards {}{axis}", if along < 0.0 { "−" } else { "+" })
     } else {
-        // Right-handed about an axis: anticlockwise for who looks against it.
+        // Right-handed about an axis: anticlockwise, seen from the positive end of the axis.
         let (about, along) = largest(moved.rotation.scaled_axis())?;
         let way = if along < 0.0 { "clockwise" } else { "anticlockwise" };
         format!("{what} turns {by} {way}, seen from +{about}")
     })
 }
 
-/// The machine axis that lies nearest to a direction, and how far it goes along it.
+/// The machine axis nearest to a direction, and the component along it.
 fn largest(way: Vector3<f64>) -> Option<(Axis, f64)> {
     let named = Axis::LINEAR.into_iter().zip(way.iter().copied());
     named.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()))
@@ -144,15 +145,15 @@ mod tests {
         let plain = ("", "");
         assert_eq!(seen(plain, Axis::X, 1.0), "the spindle goes 1 mm towards +X");
         assert_eq!(seen(plain, Axis::Z, -1.0), "the spindle goes 1 mm towards −Z");
-        // As config/simulated.toml has it: seen from above, C+ turns an ISO table clockwise.
+        // As in config/simulated.toml: seen from above, C+ turns an ISO table clockwise.
         assert_eq!(seen(plain, Axis::C, 1.0), "the table turns 1° clockwise, seen from +Z");
         let reversed = ("[axes.C]\npositive = \"iso\"", "[axes.C]\npositive = \"reversed\"");
         assert_eq!(seen(reversed, Axis::C, 1.0), "the table turns 1° anticlockwise, seen from +Z");
-        // With the cradle swung by a quarter turn the table faces sideways.
+        // After a quarter turn of the cradle the table faces sideways.
         let swung = Position::new().with(Axis::B, Axis::B.from_edge(90.0));
         let turned = seen_at(&swung, plain, Axis::C, 1.0);
         assert_eq!(turned, "the table turns 1° anticlockwise, seen from +X");
-        // What carries the workpiece goes against the sign of its command.
+        // An axis that carries the workpiece moves against the sign of its command.
         let carried = ("V[w-C-B-b-Y-X-Z-(C)-t]", "w-C-B-Y-F-X-Z-S-t");
         assert_eq!(seen(carried, Axis::Y, 1.0), "the table goes 1 mm towards −Y");
     }

@@ -7,7 +7,7 @@ use super::{figure, number};
 use machine::record::estimate::{CircleFigure, Estimate, FigureKind, Function};
 
 pub(super) fn figures(estimate: &Estimate) -> Vec<Value> {
-    // Functions state u alone; the largest k of the table covers the fewest degrees of freedom.
+    // Functions state u alone; the largest k of the table belongs to the fewest degrees of freedom.
     let identified = estimate.parameters.iter().filter(|parameter| parameter.identifiable);
     let k = identified.map(|parameter| parameter.k).reduce(f64::max).unwrap_or(2.0);
     let k = if k.is_finite() { k } else { 2.0 };
@@ -52,7 +52,7 @@ fn band(k: f64) -> String {
     format!("with ±U (k = {})", number::fixed(k, 2))
 }
 
-/// What the circles of an error motion show.
+/// Sentence about the circles of an error motion figure.
 fn error_motion_value(function: &Function) -> Option<String> {
     let (centre, circles) = figure::error_motion(function)?;
     let u = function.u.iter().copied().filter(|u| *u > 0.0).reduce(f64::max).unwrap_or(0.0);

@@ -1,4 +1,4 @@
-//! Files and pages for people and programs; knows kinds of figure, never methods.
+//! Files for programs and pages for users. This module knows kinds of figures, but no methods.
 
 mod captions;
 mod figure;

@@ -1,4 +1,4 @@
-//! Numbers, units and symbols as a metrologist writes them.
+//! Format of numbers, units and symbols in metrology.
 
 use machine::record::estimate::Unit;
 
@@ -12,7 +12,7 @@ pub(super) fn unit(unit: Unit) -> &'static str {
     }
 }
 
-/// The unit of a function's argument, as it stands in the estimate.
+/// Display of the unit of a function's argument, as written in the estimate.
 pub(super) fn argument_unit(unit: &str) -> &str {
     match unit {
         "deg" => "°",
@@ -21,14 +21,14 @@ pub(super) fn argument_unit(unit: &str) -> &str {
     }
 }
 
-/// Decimals that leave `uncertainty` two significant digits (GUM 7.2.6); three where there is no
+/// Number of decimals that gives `uncertainty` two significant digits (GUM 7.2.6); three without an
 /// uncertainty.
 pub(super) fn decimals(uncertainty: f64) -> usize {
     let digits = uncertainty.abs().log10().floor();
     if digits.is_finite() { (1.0 - digits).clamp(0.0, 9.0) as usize } else { 3 }
 }
 
-/// With a true minus sign; a dash where there is no number.
+/// The number with a true minus sign; a dash for a value that is not finite.
 pub(super) fn fixed(value: f64, decimals: usize) -> String {
     if !value.is_finite() {
         return "–".to_owned();
@@ -54,7 +54,7 @@ pub(super) fn split_symbol(symbol: &str) -> (String, String) {
     (base.to_owned(), index.join(","))
 }
 
-/// The same on one line, for the axes of a figure: `E_XC,total`.
+/// A symbol on one line, for the axes of a figure: `E_XC,total`.
 pub(super) fn plain_symbol(symbol: &str) -> String {
     let (base, index) = split_symbol(symbol);
     if index.is_empty() { base } else { format!("{base}_{index}") }

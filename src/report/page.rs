@@ -1,5 +1,4 @@
-//! One self-contained HTML page of a result: no script, nothing fetched, readable in print and on
-//! a dark screen.
+//! Self-contained HTML page of a result: no script, no external resource, readable in print and in dark mode.
 
 use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 
@@ -13,35 +12,35 @@ use machine::record::plan::Plan;
 use machine::record::proof::Proof;
 
 const TEMPLATE: &str = include_str!("page.html");
-/// Results in large figures at the top, at least. A method lists its main results first.
+/// Minimum number of results in large type at the top. A method lists its main results first.
 const MIN_KEY_RESULTS: usize = 2;
 
-/// What is known of the run beside plan and estimate. Empty fields are left out.
+/// Data of the run besides plan and estimate. Empty fields are left out.
 #[derive(Debug, Clone, Default)]
 pub struct Facts {
     pub run: String,
     pub started: String,
     pub state: String,
-    /// Stops, faults and acknowledgements: when, and in words.
+    /// Time and text of stops, faults and acknowledgements.
     pub story: Vec<(String, String)>,
-    /// Who answers for the result, if somebody could.
+    /// Signatures of the result; `None` if it cannot be signed.
     pub signed: Option<Vec<String>>,
     pub readings: usize,
-    /// Of each thermometer.
+    /// Temperatures of each thermometer.
     pub warmth: Rows,
     pub program_version: String,
-    /// What is hashed (machine file, plan, ..) and its SHA-256.
+    /// Name of each hashed item (machine file, plan, ..) and its SHA-256.
     pub hashes: Vec<(String, String)>,
-    /// Of each stage, in order.
+    /// Proof of each stage, in order.
     pub proofs: Vec<Proof>,
-    /// How far the tool is off over the volume, in sentences and as maps.
+    /// Position error of the tool over the volume, in sentences and as maps.
     pub volume: Option<(Vec<String>, Vec<ErrorMap>)>,
 }
 
-/// Render the page of `estimate`.
+/// Renders the page of `estimate`.
 ///
 /// # Errors
-/// Only if the template itself is at fault.
+/// The template is invalid.
 pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String, minijinja::Error> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
@@ -78,7 +77,8 @@ pub fn render(plan: &Plan, estimate: &Estimate, facts: &Facts) -> Result<String,
     )
 }
 
-/// The first two parameters, or as many of the first ones as are of one quantity: `EXC_range` to `ECC_range`.
+/// Number of results at the top: the first two, or all leading parameters of one quantity, such as `EXC_range`
+/// to `ECC_range`.
 fn key_results(parameters: &[Parameter]) -> usize {
     let quantity = |parameter: &Parameter| {
         parameter.symbol.split_once('_').map(|(_, quantity)| quantity.to_owned())
@@ -88,7 +88,7 @@ fn key_results(parameters: &[Parameter]) -> usize {
     parameters.iter().take_while(of_first).count().max(MIN_KEY_RESULTS)
 }
 
-/// Class of the badge and its words.
+/// CSS class of the badge and its text.
 fn verdict(estimate: &Estimate) -> Value {
     let (class, text) = match estimate.verdict {
         Verdict::Pass => ("pass", "Pass: within tolerance, uncertainty included"),
@@ -145,7 +145,7 @@ fn volume(lines: &[String], maps: &[ErrorMap]) -> Value {
     context! { lines => lines.to_vec(), maps => drawn.collect::<Vec<_>>() }
 }
 
-/// What was proven before anything moved.
+/// Proof of the motions, made before any motion.
 fn proof(plan: &Plan, proofs: &[Proof]) -> Value {
     context! {
         rows => proven::rows(plan, proofs),
@@ -189,7 +189,7 @@ fn budget(parameters: &[Parameter]) -> Value {
     }
 }
 
-/// How the sources were evaluated: a row per property, a column per source.
+/// Evaluation of the sources: a row per property, a column per source.
 fn evaluations(sources: &[&BudgetLine]) -> Vec<Value> {
     let row = |name: &str, text: &dyn Fn(&BudgetLine) -> String| {
         let texts: Vec<String> = sources.iter().map(|line| text(line)).collect();

@@ -1,4 +1,4 @@
-//! The plan in a few rows: with what was measured, what, and how often.
+//! Summary of the plan as a table: instruments, artefact and number of measurements.
 
 use super::number;
 use super::rows::Rows;
@@ -16,7 +16,7 @@ pub fn rows(plan: &Plan) -> Rows {
     rows
 }
 
-/// What measures: the sensors that sit in the probe's place, otherwise the stylus.
+/// The measuring instrument: the sensors that replace the probe, otherwise the stylus.
 fn in_spindle(plan: &Plan) -> Rows {
     let stylus = [
         ("Stylus tip from spindle datum".to_owned(), vector(plan.machine.tool_mm)),
@@ -43,7 +43,7 @@ fn in_spindle(plan: &Plan) -> Rows {
     plan.sensors.iter().map(told).collect()
 }
 
-/// How many of each kind.
+/// Number of steps of each kind.
 fn steps(plan: &Plan) -> String {
     let count = |kind, scan: Option<bool>| {
         let of_kind = plan.steps.iter().filter(|step| step.kind == kind);

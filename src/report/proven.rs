@@ -1,11 +1,11 @@
-//! What was proven before anything moved: in words, and touch by touch, or scan by scan.
+//! Summary of the proof: in words, and for each touch or scan.
 
 use super::number;
 use machine::record::estimate::{FigureKind, Function, Unit};
 use machine::record::plan::Plan;
 use machine::record::proof::{Clearance, Proof};
 
-/// The smallest clearance of each touch or scan, in the order of the run; `None` without any.
+/// Minimum clearance of each touch or scan, in the order of the run; `None` without any.
 pub(super) fn function(proofs: &[Proof]) -> Option<Function> {
     let y: Vec<f64> = touches(proofs).map(|clearance| clearance.clearance_mm).collect();
     (!y.is_empty()).then(|| Function {
@@ -43,7 +43,7 @@ pub(super) fn rows(plan: &Plan, proofs: &[Proof]) -> Vec<(String, String)> {
     rows
 }
 
-/// Without repetition, in the order of the stages.
+/// Aspects that the proofs did not check, without duplicates, in the order of the stages.
 pub(super) fn not_looked_at(proofs: &[Proof]) -> Vec<String> {
     let mut all: Vec<String> = Vec::new();
     for what in proofs.iter().flat_map(|proof| &proof.not_looked_at) {

@@ -1,4 +1,4 @@
-//! How much the results depend on each other: the correlation matrix and its strongest pairs.
+//! Correlation of the results: the correlation matrix and its strongest pairs.
 
 use minijinja::{Value, context};
 
@@ -6,11 +6,11 @@ use super::figure;
 use super::number;
 use machine::record::estimate::Covariance;
 
-/// Pairs beyond this are named, the strongest of them.
+/// Minimum magnitude of the correlation of a listed pair, and maximum number of listed pairs.
 const STRONG: f64 = 0.5;
 const NAMED: usize = 8;
 
-/// `svg` is none where there is nothing to draw.
+/// Template values; `svg` is none if there is nothing to draw.
 pub(super) fn related(covariance: &Covariance) -> Value {
     let drawn = figure::matrix(covariance);
     let pairs = if drawn.is_some() { strongest(covariance) } else { Vec::new() };
@@ -24,7 +24,7 @@ pub(super) fn related(covariance: &Covariance) -> Value {
     }
 }
 
-/// Beyond [`STRONG`], strongest first.
+/// Pairs at or above [`STRONG`], strongest first.
 fn strongest(covariance: &Covariance) -> Vec<(usize, usize, f64)> {
     let count = covariance.symbols.len();
     let all = (0..count).flat_map(|i| (i + 1..count).map(move |j| (i, j)));
@@ -39,7 +39,7 @@ fn in_words(covariance: &Covariance, (i, j, value): &(usize, usize, f64)) -> Val
         let (base, index) = number::split_symbol(&covariance.symbols[n]);
         context! { plain => covariance.symbols[n].clone(), base, index }
     };
-    // What is missing to 1 counts.
+    // The decimals depend on the difference from 1.
     let decimals = number::decimals(1.0 - value.abs()).max(2);
     context! { one => symbol(*i), other => symbol(*j), value => number::fixed(*value, decimals) }
 }

@@ -1,4 +1,4 @@
-//! The rows of a table.
+//! Rows of a table.
 
-/// Names and texts.
+/// Name and text of each row.
 pub type Rows = Vec<(String, String)>;

@@ -36,7 +36,7 @@ fn wave(symbol: &str, harmonics: &[(f64, f64)], figure: FigureKind) -> Function 
     }
 }
 
-/// A result as the self-calibration of a rotary axis gives it.
+/// An estimate as from the self-calibration of a rotary axis.
 fn example() -> Estimate {
     let total = [
         wave("EXC_total", &[(0.0, 50.1), (1.0, 31.0), (2.0, 1.2)], FigureKind::Curve),
@@ -142,7 +142,8 @@ fn facts() -> Facts {
     }
 }
 
-/// Who reads the page sees what failed, by how much and by which rule; without limits there is no column for them.
+/// The page shows the failed parameters, by how much they fail and by which rule; without limits the table has
+/// no column for them.
 #[test]
 fn what_failed_is_named() {
     let mut estimate = example();
@@ -162,7 +163,7 @@ fn what_failed_is_named() {
     }
 }
 
-/// Each cell has its value; what is no number has none.
+/// Each cell shows its value, or nothing for a value that is not finite.
 #[test]
 fn maps_of_the_volume_are_drawn() {
     let map = ErrorMap {
@@ -230,7 +231,7 @@ fn the_page_holds_everything() {
     assert_eq!(page.matches("<li>probe body</li>").count(), 1);
 }
 
-/// A result with unknowns that depend on each other, and vectors at their places.
+/// A result with correlated unknowns, and vectors at their positions.
 fn in_space() -> Estimate {
     let arrow = |label: &str, vector, flagged| Arrow {
         label: label.to_owned(),
@@ -275,7 +276,8 @@ fn what_depends_on_each_other_and_what_is_left_over_stand_on_the_page() {
         assert!(page.contains(text), "{text}");
     }
     assert!(!page.contains("ball 1 at"));
-    // Six as without, the matrix, and a picture of each group: also of the one without arrows.
+    // Six figures as without vectors, the matrix, and a picture of each group, also of the group without
+    // arrows.
     assert_eq!(page.matches("<svg").count(), 6 + 1 + 3);
     let without = render(&plan("mill"), &example(), &facts()).unwrap();
     for absent in ["depend on each other", "What limits it", "Seen from above"] {
@@ -301,7 +303,7 @@ fn balls_are_told_in_words() {
     assert!(told(&plan).contains("1 ball, radius 15 mm; no certified length"));
 }
 
-/// Where a laser looks no stylus is told of, and what is measured again are scans.
+/// With a laser sensor the page does not mention a stylus, and repeated measurements are scans.
 #[test]
 fn a_sensor_in_the_probes_place_is_told_instead_of_the_stylus() {
     let mut plan = plan("mill");
@@ -362,7 +364,7 @@ fn an_estimate_of_nothing_still_has_a_page() {
     assert!(!page.contains("Warnings") && !page.contains("On the way") && !page.contains("<svg"));
 }
 
-/// All values of the first quantity are at the top, or two values of several.
+/// All values of the first quantity are at the top, or two values of different quantities.
 #[test]
 fn the_top_of_the_page_shows_one_quantity() {
     let cards = |symbols: &[&str]| {

@@ -1,4 +1,4 @@
-//! Arrows at places in space: a picture of each group, and what is flagged in words.
+//! Vectors at positions in space: a picture of each group, and the flagged vectors in words.
 
 use minijinja::{Value, context};
 

@@ -1,4 +1,4 @@
-//! What the thermometers said over a run: how warm it was, how much that varied, and where it went.
+//! Temperatures over a run: mean, range, and change from the first reading to the last.
 
 use std::collections::BTreeMap;
 
@@ -6,13 +6,13 @@ use super::number::fixed;
 use super::rows::Rows;
 use machine::record::reading::Reading;
 
-/// No thermometer at a machine is better, °C.
+/// Decimals of a temperature in °C; thermometers at machines are not more accurate.
 const DECIMALS: usize = 2;
 
-/// Each by its name; without those that said nothing.
+/// One row per thermometer with a value.
 pub fn rows(readings: &[Reading]) -> Rows {
     let mut said = BTreeMap::<&str, Vec<f64>>::new();
-    // All samples of a scan have what was said once.
+    // All samples of a scan have the temperature of the scan.
     for one in readings.chunk_by(|one, next| (one.step, one.repeat) == (next.step, next.repeat)) {
         for (name, celsius) in one.iter().take(1).flat_map(|first| first.temperatures_c.iter()) {
             said.entry(name).or_default().push(celsius);

@@ -1,5 +1,4 @@
-//! A stored run goes on after a stop: who may let it, and from there to its estimate. For the command and
-//! the service.
+//! Resuming a stored run after a stop, up to its estimate. Used by the command line and by the service.
 
 use std::sync::Arc;
 
@@ -16,30 +15,30 @@ use machine::record::event::Event;
 use machine::record::plan::ArtefactMount;
 use methods::Method;
 
-/// An unfinished run with what it was begun with.
+/// An unfinished run with the machine file and the method with which it was started.
 pub struct Again {
     pub machine: MachineFile,
     method: Arc<dyn Method>,
     stored: StoredRun,
-    /// Steps that somebody has answered, each in its pass, and how the artefact was mounted by them.
+    /// Answered prompts as (step, repeat), and the mountings of the artefact that they confirm.
     answered: Vec<(u32, u32)>,
     mounts: Vec<ArtefactMount>,
     /// Wall time since the last reading, s.
     elapsed_s: f64,
 }
 
-/// What a person at the machine is asked before it moves again.
+/// Question to the operator before the machine moves again.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Question {
     pub run: RunId,
     /// How the run was interrupted.
     pub ended: String,
     pub ask: &'static str,
-    /// All axes must be homed first.
+    /// Whether the control may have lost its position, so that all axes must be homed first.
     pub position_lost: bool,
 }
 
-/// Why a run does not go on.
+/// Reason why a run cannot be resumed.
 #[derive(Debug, thiserror::Error)]
 pub enum AgainError {
     #[error("run {run} {why}: there is nothing to resume")]
@@ -54,7 +53,7 @@ pub enum AgainError {
 
 impl Again {
     /// # Errors
-    /// It is not unfinished; its machine file or its settings are of another version.
+    /// The run is not unfinished, or its machine file or its settings belong to another version.
     pub fn of(stored: StoredRun) -> Result<Self, AgainError> {
         check_state(&stored)?;
         let (machine, method) = stored_setup(&stored)?;
@@ -75,16 +74,16 @@ impl Again {
         question(&self.stored)
     }
 
-    /// A simulated machine lives on from there.
+    /// State from which a simulated machine continues.
     pub fn past(&self) -> Past<'_> {
         let Self { stored, mounts, elapsed_s, .. } = self;
         Past { readings: &stored.readings, mounts, elapsed_s: *elapsed_s }
     }
 
-    /// A person's word that the machine may move; for the journal, before anything does.
+    /// The operator's acknowledgement that the machine may move. It is journaled before any motion.
     ///
     /// # Errors
-    /// Nobody has a name; nobody says that the axes are homed where the position may be lost.
+    /// `who` is empty, or `homed` is false although the control may have lost its position.
     pub fn acknowledged(&self, who: &str, homed: bool) -> Result<Event, AgainError> {
         let question = self.question();
         let who = who.trim().to_owned();
@@ -99,10 +98,10 @@ impl Again {
         }
     }
 
-    /// On open devices, to its estimate; the acknowledgement is in the journal.
+    /// Resumes the run on open devices and returns its estimate. The acknowledgement must be in the journal.
     ///
     /// # Errors
-    /// A fault or a stop: the machine holds, what was measured is in the journal.
+    /// A fault or a stop: the machine holds, and all readings so far are in the journal.
     pub async fn run(
         self,
         devices: &Devices,
@@ -120,7 +119,7 @@ impl Again {
     }
 }
 
-/// Of a run that was interrupted.
+/// Question for an interrupted run.
 pub fn question(stored: &StoredRun) -> Question {
     let position_lost = story::position_lost(stored);
     let ask = match position_lost {

@@ -1,6 +1,6 @@
-//! What a run has still to do, known from its rehearsal.
+//! Remaining stages of a run, as its rehearsal found them.
 
-/// The stages that the rehearsal went through and the run has not begun.
+/// Rehearsed stages that the run has not begun.
 #[derive(Debug, Default)]
 pub(super) struct Ahead {
     stages: Vec<RehearsedStage>,
@@ -17,15 +17,15 @@ impl Ahead {
         Self { stages }
     }
 
-    /// A stage of this name begins, so it and the stages before it are no longer ahead. A stage
-    /// that was not rehearsed changes nothing: another round of a watch, measurements once more.
+    /// Removes the stage `name`, which begins, and all stages before it. A stage that was not rehearsed changes
+    /// nothing, for example another round of the rest check or a repeated measurement.
     pub(super) fn begin(&mut self, name: &str) {
         if let Some(at) = self.stages.iter().position(|stage| stage.name == name) {
             self.stages.drain(..=at);
         }
     }
 
-    /// Machine time of the stages ahead, s.
+    /// Machine time of the remaining stages, s.
     pub(super) fn machine_s(&self) -> f64 {
         self.stages.iter().map(|stage| stage.machine_s).sum()
     }

@@ -1,6 +1,6 @@
-//! Before a stage is proven a person may be asked to do something at the machine. Nothing is sent to the
-//! control until somebody has said that it is done, however long that takes; a halt ends the wait. The sensors
-//! that the prompt names are read meanwhile.
+//! Prompts to the operator, before a stage is proven. Nothing is sent to the control until the operator has
+//! confirmed the prompt. The wait has no timeout; a halt ends it. Meanwhile the sensors that the prompt names
+//! are read.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,12 +16,12 @@ use machine::record::plan::{Stage, Step, StepKind};
 use machine::record::watch::WatchedSensor;
 use planning::{Confirmed, asked_first};
 
-/// How often an answer, or a stop, is looked for.
+/// Polling period for an answer and for a halt.
 const POLL: Duration = Duration::from_millis(50);
-/// Minimum time between two looks at the watched sensors.
+/// Minimum time between two readings of the watched sensors.
 const WATCH_PERIOD: Duration = Duration::from_millis(250);
 
-/// What a person is asked to do, and where in the plan.
+/// Prompt text, and its step and repeat in the plan.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Asked {
     pub step: u32,
@@ -31,29 +31,29 @@ pub struct Asked {
 
 type Look = dyn Fn(&Asked) -> Option<String> + Send + Sync;
 
-/// Whoever answers what a run asks. Cloneable.
+/// Source of the answers to prompts. Cloneable.
 #[derive(Clone)]
 pub struct Answers(Option<Arc<Look>>);
 
 impl Answers {
-    /// `look` is called again and again while the run waits, and must not block: the name of whoever has
-    /// done it, once somebody has.
+    /// `look` is polled while the run waits and must not block. It returns the name of the person who has
+    /// confirmed the prompt, or `None` before that.
     pub fn new(look: impl Fn(&Asked) -> Option<String> + Send + Sync + 'static) -> Self {
         Self(Some(Arc::new(look)))
     }
 
-    /// A run that asks is refused.
+    /// No operator is available: a run with a prompt is refused.
     pub fn nobody() -> Self {
         Self(None)
     }
 
-    /// The answer, if it is there by now.
+    /// The answer, if there is one yet.
     pub fn look(&self, asked: &Asked) -> Option<String> {
         self.0.as_ref().and_then(|look| look(asked))
     }
 }
 
-/// Steps that somebody has answered, each in its pass.
+/// Answered prompts as (step, repeat).
 pub(super) fn answered(events: &[(Timestamp, Event)]) -> Vec<(u32, u32)> {
     let answer = |(_, event): &(_, Event)| match event {
         Event::Answered { step, repeat, .. } => Some((*step, *repeat)),
@@ -62,14 +62,14 @@ pub(super) fn answered(events: &[(Timestamp, Event)]) -> Vec<(u32, u32)> {
     events.iter().filter_map(answer).collect()
 }
 
-/// The first of these steps that asks a person, by what it asks.
+/// Text of the first prompt among `steps`.
 pub(super) fn first_question(steps: &[Step]) -> Option<&str> {
     let prompt = steps.iter().find(|step| step.kind == StepKind::Prompt)?;
     Some(prompt.text.as_deref().unwrap_or_default())
 }
 
 impl Run<'_> {
-    /// What `stage` asks and nobody has answered yet.
+    /// Prompts of `stage` that are not answered yet.
     pub(super) fn open_questions(&self, stage: &Stage) -> Result<Vec<Asked>, RunError> {
         let (asked, _) = asked_first(&self.plan, &stage.steps)?;
         let repeat = stage.repeat;
@@ -82,7 +82,7 @@ impl Run<'_> {
         Ok(open.map(asked).collect())
     }
 
-    /// Known before anything moves: whoever is asked must be there.
+    /// Checks before any motion that a prompt can be answered.
     pub(super) fn can_ask(&self, text: Option<&str>) -> Result<(), RunError> {
         match (text, &self.answers.0) {
             (Some(text), None) => Err(RunError::NobodyThere { text: text.to_owned() }),
@@ -90,10 +90,11 @@ impl Run<'_> {
         }
     }
 
-    /// Ask what stands at the head of `stage`; where the machine then stands.
+    /// Shows the prompts at the head of `stage` and waits for the answers. Returns the position of the machine
+    /// afterwards.
     ///
     /// # Errors
-    /// Nobody is there who could answer; a halt; what the control says after the answer.
+    /// No operator is available, the machine is halted, or the control is not ready after the answer.
     pub(super) async fn ask_first(
         &mut self,
         stage: &Stage,
@@ -110,7 +111,7 @@ impl Run<'_> {
             self.ask(asked, &watch).await?;
             mount.into_iter().for_each(|mount| self.devices.artefact_mounted(mount));
         }
-        // Whoever was at the machine may have moved it, and changed modes, offsets or overrides.
+        // The operator may have moved the machine, and changed modes, offsets or overrides.
         self.confirmed = Confirmed::default();
         Ok(Some(self.devices.controller.prepare().await?.stands))
     }

@@ -1,12 +1,13 @@
-//! On a small computer the run comes first, then whoever asks for a hold, then what computes.
+//! Thread priorities on a small computer: the run first, then HTTP requests such as a hold, then long
+//! computations.
 
-/// What computes for long: proofs, identifications.
+/// Nice increment of long computations: proofs and identifications.
 pub const COMPUTING: i32 = 10;
-/// Pages, and whoever reads them.
+/// Nice increment of threads that serve pages and other HTTP requests.
 pub const ANSWERING: i32 = 5;
 
-/// From now on this thread steps back behind the run's by so much (nice(2): of the thread alone on Linux).
-/// Where that is not granted it goes on as before.
+/// Lowers the priority of this thread by `the_run`, a nice increment (nice(2); on Linux it applies to the
+/// thread alone). The priority stays the same where the system refuses.
 pub fn behind(the_run: i32) {
     let _ = rustix::process::nice(the_run);
 }
@@ -24,7 +25,7 @@ mod tests {
             behind(ANSWERING);
             getpriority_process(None).unwrap()
         });
-        // No lower than the lowest.
+        // 19 is the lowest priority.
         assert_eq!(stepped.join().unwrap(), (before + ANSWERING).min(19));
         assert_eq!(getpriority_process(None).unwrap(), before);
     }

@@ -1,5 +1,5 @@
-//! Angles of a turn by the counts of a rotary encoder that come with the samples: the angle of the control at rest
-//! before the turn, and the counts since then. The clocks of sensor and control play no part.
+//! Angles of a turn from the counts of a rotary encoder that come with the samples: the control's angle at rest
+//! before the turn plus the counts since then. The clocks of sensor and control are not used.
 
 use std::f64::consts::TAU;
 
@@ -8,25 +8,26 @@ use crate::setup::EncoderScale;
 use devices::sensors::Sample;
 use machine::{Axis, Position};
 
-/// At rest after the turn, between counts and control, degrees. With 20 µm of eccentricity it is less than 0.02 µm.
+/// Maximum difference between counts and control at rest after the turn, degrees. With an eccentricity of 20 µm
+/// it changes a radius by less than 0.02 µm.
 const MAX_REST_DEVIATION_DEG: f64 = 0.05;
-/// A sample comes at most so long after it was taken.
+/// Maximum time between the acquisition of a sample and its arrival.
 const MAX_DELAY_S: f64 = 0.1;
-/// A jump is at least so many times the median step between two samples.
+/// Minimum ratio of a jump to the median step between two samples.
 const MIN_JUMP_RATIO: f64 = 20.0;
 
 /// One turn as one sensor measured it.
 pub(super) struct CountedTurn<'a> {
     pub scale: EncoderScale,
-    /// Where the control reported its axes at rest, before and after.
+    /// Positions that the control reports at rest, before and after the turn.
     pub rests: [&'a Position; 2],
-    /// Taken at rest before.
+    /// Sample at rest before the turn.
     pub first: Sample,
-    /// Greatest speed of the axis.
+    /// Maximum speed of the axis.
     pub speed_deg_s: f64,
 }
 
-/// Why the counts of a turn are not those of its axis.
+/// Reason why the counts of a turn do not match its axis.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CountFault {
     #[error("the encoder's count is {count} all the way, while {axis} turned by {turned_deg:.3}°")]
@@ -44,7 +45,7 @@ pub enum CountFault {
 }
 
 impl CountFault {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
             Self::Stands { .. } => {
@@ -70,12 +71,12 @@ impl CountFault {
     }
 }
 
-/// By what angle the axis turned between two samples that follow each other.
+/// Angle by which the axis turned between two consecutive samples, rad.
 pub(super) fn turned_rad(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<f64> {
     counts_between(scale, from, to).map(|counts| rad(scale, counts))
 }
 
-/// The shorter way round.
+/// Difference of the counts, modulo the counter's range, by the shorter way.
 fn counts_between(scale: EncoderScale, from: &Sample, to: &Sample) -> Option<i64> {
     let round = i64::try_from(scale.round).ok()?;
     let step = i64::from(to.encoder_count?) - i64::from(from.encoder_count?);
@@ -88,10 +89,10 @@ fn rad(scale: EncoderScale, counts: i64) -> f64 {
 }
 
 impl CountedTurn<'_> {
-    /// The samples from where the axis sets out to where it arrives, at most `rate_hz` a second.
+    /// Samples from the start of the turn to its end, at most `rate_hz` per second.
     ///
     /// # Errors
-    /// The counts are not those of the axis: no sample of the turn is placed.
+    /// The counts do not match the axis; no sample of the turn gets a position.
     pub fn placed(&self, samples: &[Sample], rate_hz: f64) -> Result<Placed, CountFault> {
         let axis = self.scale.encoder.axis;
         let [start, end] = self.rests;
@@ -106,7 +107,7 @@ impl CountedTurn<'_> {
         Ok(thinned(&moving.map(place).collect::<Vec<_>>(), rate_hz))
     }
 
-    /// The samples that carry a count, and the angle of each, rad.
+    /// Samples that carry a count, with the angle of each, rad.
     fn angles(&self, samples: &[Sample]) -> Result<Vec<(Sample, f64)>, CountFault> {
         let start = self.rests[0].at(self.scale.encoder.axis);
         let (mut count, mut last) = (0, self.first);
@@ -126,7 +127,7 @@ impl CountedTurn<'_> {
         rad(self.scale, counts)
     }
 
-    /// A wrong scale makes all steps longer, and is no jump.
+    /// Checks for jumps. A wrong scale makes all steps longer and is not a jump.
     fn check_steps(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
         let of_a_sample = |step: i64, sample: &Sample| {
             step.unsigned_abs() as f64 / (1.0 + f64::from(sample.missing))
@@ -152,7 +153,7 @@ impl CountedTurn<'_> {
         Ok(())
     }
 
-    /// At rest after the turn the counts say what the control says.
+    /// Checks that counts and control agree at rest after the turn.
     fn check_rest(&self, counted: &[(Sample, i64)]) -> Result<(), CountFault> {
         let axis = self.scale.encoder.axis;
         let [start, end] = self.rests.map(|rest| rest.at(axis));
@@ -176,12 +177,13 @@ mod tests {
     use crate::setup::machine_file::Encoder;
     use machine::record::reading::Flag;
 
-    /// A turn from -8° on by 400° within 10 s and a second at rest before and after it, 200 samples a second.
+    /// A turn by 400° from -8° within 10 s, with one second at rest before and after it, at 200 samples per
+    /// second.
     fn angle_deg(number: u32) -> f64 {
         -8.0 + (f64::from(number) - 200.0).clamp(0.0, 2000.0) * 0.2
     }
 
-    /// What an encoder counts, of `per_turn` counts, that begins anew after `round`.
+    /// Count of an encoder with `per_turn` counts per turn whose counter wraps at `round`.
     fn counted(angle_deg: f64, per_turn: i64, round: u64) -> u32 {
         let count = (angle_deg * per_turn as f64 / 360.0).floor() as i64 + 1_000_003;
         count.rem_euclid(round as i64) as u32
@@ -198,7 +200,7 @@ mod tests {
         (0..2400).map(sample).collect()
     }
 
-    /// As the machine file states the encoder.
+    /// Result for an encoder declared with `per_turn` and `round`.
     fn placed(samples: &[Sample], per_turn: i64, round: u64) -> Result<Placed, CountFault> {
         let rest =
             |deg: f64| Position::new().with(Axis::X, 7.0).with(Axis::C, Axis::C.from_edge(deg));
@@ -214,7 +216,7 @@ mod tests {
         turn.placed(&samples[1..], f64::INFINITY)
     }
 
-    /// 16, 24 and 32 bits, one turn, and both signs.
+    /// Counters of 16, 24 and 32 bits and of one turn, with both signs.
     #[test]
     fn counts_that_begin_anew_are_followed_in_both_senses() {
         for round in [1 << 16, 1 << 24, 1 << 32, 90_000] {
@@ -261,7 +263,7 @@ mod tests {
         );
         let (_, text) = fault(&right, -90, 1 << 32);
         assert!(text.contains("a ratio of 1000.0"), "{text}");
-        // 100 counts of 90000 are lost.
+        // 100 of 90000 counts are lost.
         let lost = |deg: f64| counted(deg, 90_000, 1 << 32) - if deg > 100.0 { 100 } else { 0 };
         let (_, text) = fault(&samples(lost), 90_000, 1 << 32);
         assert!(text.contains("a ratio of 0.9990") && text.contains("counts are lost"), "{text}");
@@ -283,7 +285,7 @@ mod tests {
         };
         let (_, text) = fault(&samples(spike), 90_000, 1 << 24);
         assert!(text.contains("jumps by 80.") && text.contains("at C = 119.8"), "{text}");
-        // 16 bits stated as 24.
+        // A 16-bit counter declared as 24 bits.
         let narrow = samples(|deg| counted(deg, 90_000, 1 << 16));
         let (fault, _) = fault(&narrow, 90_000, 1 << 24);
         assert!(matches!(fault, CountFault::Jump { .. }), "{fault:?}");

@@ -1,4 +1,4 @@
-//! One cycle to its end: measure, identify beside the runtime, judge, store.
+//! One complete cycle: measure, identify on a separate thread, judge, store.
 
 use std::sync::Arc;
 
@@ -14,36 +14,36 @@ use machine::record::event::Event;
 use machine::record::plan::Plan;
 use methods::Method;
 
-/// How a cycle can end without an estimate.
+/// Reason why a cycle ends without an estimate.
 #[derive(Debug, thiserror::Error)]
 pub enum CycleError {
-    /// The measurement did not come to its end. `moved`: the machine stands on the way; `resumed`: it
-    /// was interrupted before; `can_resume`: its references were measured.
+    /// The measurement is incomplete. `moved`: the machine has moved; `resumed`: the run was interrupted
+    /// before; `can_resume`: its references were measured.
     #[error("{error}")]
     Run { run: RunId, error: RunError, moved: bool, resumed: bool, can_resume: bool },
-    /// Everything is measured and kept.
+    /// All readings are measured and stored.
     #[error("{why}")]
     Identification { run: RunId, why: Unidentified },
     #[error(transparent)]
     Store(#[from] StoreError),
-    /// The probe is not qualified as the run needs it. Nothing has begun.
+    /// The probe lacks the qualification that the run requires. The run has not begun.
     #[error(transparent)]
     Unqualified(#[from] Unqualified),
 }
 
 impl CycleError {
-    /// The machine stands where it was stopped, and a person decides.
+    /// Whether the machine holds where it was stopped until an operator decides.
     pub fn holds(&self) -> bool {
         match self {
             Self::Run { error, moved, resumed, .. } => {
                 !error.closes() && (*moved || *resumed || error.is_stop())
             }
-            // After the last reading nothing moves.
+            // No motion follows the last reading.
             Self::Identification { .. } | Self::Store(_) | Self::Unqualified(_) => false,
         }
     }
 
-    /// A person asked for it.
+    /// Whether a person requested the stop.
     pub fn is_stop(&self) -> bool {
         match self {
             Self::Run { error, .. } => error.is_stop(),
@@ -53,21 +53,22 @@ impl CycleError {
     }
 }
 
-/// What is to be measured.
+/// Input of a measurement cycle.
 pub struct Cycle<'a> {
     pub machine: &'a MachineFile,
     pub method: Arc<dyn Method>,
-    /// With what is known already, without steps.
+    /// Plan with machine, probe and priors, but without steps.
     pub plan: Plan,
-    /// Whoever is there to be asked.
+    /// Source of the answers to prompts.
     pub answers: Answers,
 }
 
 impl Cycle<'_> {
-    /// A new run on open devices; `begun` hears its number.
+    /// Starts a new run on open devices; `begun` is called with its number.
     ///
     /// # Errors
-    /// A fault or a stop: the machine holds, what was measured is in the journal. A probe that is not qualified.
+    /// A fault or a stop: the machine holds, and all readings so far are in the journal. A probe without the
+    /// required qualification.
     pub async fn run(
         self,
         devices: &Devices,
@@ -88,11 +89,11 @@ impl Cycle<'_> {
     }
 }
 
-/// Identifies, judges and stores what a run has measured that came to its end. Without an estimate the run is
-/// `not identified`.
+/// Identifies, judges and stores a run that was measured to its end. Without an estimate the state of the run
+/// is `not identified`.
 ///
 /// # Errors
-/// How the run `ended`; or why it is not identified.
+/// The error in `ended`, or the reason why the run is not identified.
 pub async fn conclude(
     run: Run<'_>,
     ended: Result<(), RunError>,

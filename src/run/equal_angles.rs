@@ -1,5 +1,5 @@
-//! The samples of a turn in motion, filtered to equal angles: so many readings a revolution, however fast the
-//! sensor is.
+//! Samples of a turn in motion, filtered to equal angles. The number of readings per revolution does not depend
+//! on the sample rate of the sensor.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use machine::record::plan::{Sampling, Scan};
 use machine::record::reading::Flag;
 use machine::{Axis, Position};
 
-/// The axis that turns, and the angles a revolution, where the plan wants them.
+/// The axis that turns and the angles per revolution, if the plan requests equal angles.
 pub(super) fn wanted(scan: &Scan) -> Option<(Axis, usize)> {
     let Sampling::Continuous { per_revolution: Some(count), .. } = scan.sampling else {
         return None;
@@ -17,15 +17,15 @@ pub(super) fn wanted(scan: &Scan) -> Option<(Axis, usize)> {
     Some((scan.turned_axis()?, count))
 }
 
-/// A turn at equal angles.
+/// One turn at equal angles.
 #[derive(Debug)]
 pub(super) struct Turn {
-    /// From the first angle with a value to the last; one without is flagged [`Flag::Gap`].
+    /// Samples from the first angle with a value to the last; an angle without a value has [`Flag::Gap`].
     pub samples: Vec<(Sample, Position)>,
     gaps: Vec<AngleRange>,
 }
 
-/// `placed`: samples in the order of time, and where the axes stood.
+/// Filters `placed`, the samples in order of time with the positions of the axes.
 pub(super) fn filtered(placed: &[(Sample, Position)], axis: Axis, per_revolution: usize) -> Turn {
     let (Some((_, first)), Some((_, last))) = (placed.first(), placed.last()) else {
         return Turn { samples: Vec::new(), gaps: Vec::new() };
@@ -43,7 +43,7 @@ pub(super) fn filtered(placed: &[(Sample, Position)], axis: Axis, per_revolution
     let mut values = of_turn(&|sample| sample.value_mm);
     reject_saturated(&mut values);
     let values = Resampler::of_turn(&filter, ends_rad, &values);
-    // The time passes the same filter: it is that of the angle, also where the speed changes.
+    // The time passes the same filter, so that it belongs to the angle also where the speed changes.
     let times = Resampler::of_turn(&filter, ends_rad, &of_turn(&|sample| Some(sample.t_s)));
     let number =
         |angle: f64| (angle * per_revolution as f64 / std::f64::consts::TAU).round() as i64;
@@ -59,7 +59,7 @@ pub(super) fn filtered(placed: &[(Sample, Position)], axis: Axis, per_revolution
 }
 
 impl Turn {
-    /// What a person reads of the angles without a value.
+    /// Message about angles without a value.
     pub fn lacking(&self, label: &str, sensor: &str) -> Option<String> {
         (!self.gaps.is_empty()).then(|| {
             format!(
@@ -78,7 +78,7 @@ mod tests {
     const TURN_S: f64 = 3.0;
     const COUNT: usize = 72;
 
-    /// Two revolutions from -40° on with an acceleration; 2 kHz.
+    /// Two revolutions from -40° with constant acceleration, sampled at 2 kHz.
     fn angle_deg(t_s: f64) -> f64 {
         -40.0 + 400.0 * t_s / TURN_S + 420.0 * (t_s / TURN_S).powi(2)
     }
@@ -96,7 +96,7 @@ mod tests {
         (0..=6000).map(sample).collect()
     }
 
-    /// Value and time are those of the angle; a disturbance above the filter's cut-off is gone.
+    /// Value and time belong to the angle. The filter removes a disturbance above its cut-off frequency.
     #[test]
     fn each_value_is_that_of_its_angle() {
         let smooth = |deg: f64| 0.01 * (3.0 * deg.to_radians()).cos();

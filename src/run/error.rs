@@ -1,4 +1,4 @@
-//! How a run can end before its end.
+//! Errors that end a run early.
 
 use super::counted_turn::CountFault;
 use crate::store::StoreError;
@@ -26,10 +26,10 @@ pub enum RunError {
     Unwritable { stage: String, source: RenderError },
     #[error(transparent)]
     Controller(#[from] ControllerError),
-    /// With the label of the step that the fault names.
+    /// A fault with the label of the step that it names.
     #[error("{label}, {source}")]
     OnStep { label: String, source: Box<RunError> },
-    /// What the probe's input says while a sensor sits in the probe's place.
+    /// Fault of the probe input while a sensor is mounted instead of the probe.
     #[error("{source}; yet `{sensor}` sits in the probe's place")]
     ProbeInput { sensor: String, source: Box<RunError> },
     #[error("a person is asked on the way (`{text}`), and nobody is there to answer")]
@@ -77,7 +77,7 @@ const EARLY_DISTANCE: &str = "retract by hand, the way it came; then look whethe
      control shows, whether the artefact is where the machine file says, and whether another body is below the sensor";
 
 impl RunError {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
             Self::Refused(refused) => refused.instead.clone(),
@@ -141,7 +141,7 @@ impl RunError {
         }
     }
 
-    /// The same, if nothing has shown yet that the probe lives.
+    /// The error of a touch before the probe is known to work.
     pub(super) fn of_first_touch(self) -> Self {
         match self {
             Self::Controller(ControllerError::NoContact { step }) => Self::NoFirstContact { step },
@@ -152,7 +152,7 @@ impl RunError {
         }
     }
 
-    /// The same of a run that looks with `sensor`: there is no stylus that could be pressed.
+    /// The error of a run that measures with `sensor`: no stylus can be deflected.
     pub(super) fn of_sensor(self, sensor: &str) -> Self {
         use ControllerError::{ProbeClosed, StillTripped, UnexpectedContact};
         let closed = |error: &ControllerError| {
@@ -164,8 +164,8 @@ impl RunError {
         }
     }
 
-    /// Of a step that was under way: what names the step by its number tells its label as well, by
-    /// which a person knows what was to be touched, and from where.
+    /// Adds the label of the step to an error that names the step by its number: the label tells the operator
+    /// which feature was touched, and from which side.
     pub(super) fn on(self, step: &Step) -> Self {
         match &self {
             Self::Controller(error) if error.step() == Some(step.id) => {
@@ -184,7 +184,7 @@ impl RunError {
         }
     }
 
-    /// What the control said, if it was the control.
+    /// The control's error, if the control caused this error.
     pub fn of_control(&self) -> Option<&ControllerError> {
         match self {
             Self::Controller(error) => Some(error),
@@ -193,17 +193,17 @@ impl RunError {
         }
     }
 
-    /// The run can never go on; its readings stay.
+    /// Whether the run can never be resumed; its readings stay.
     pub fn closes(&self) -> bool {
         matches!(self, Self::NoReferences | Self::Moved { .. })
     }
 
-    /// The axes must be homed before anything else moves.
+    /// Whether the axes must be homed before any other motion.
     pub fn position_lost(&self) -> bool {
         self.of_control().is_some_and(ControllerError::position_lost)
     }
 
-    /// The link to the control or to a sensor failed.
+    /// Whether the link to the control or to a sensor failed.
     pub fn is_of_link(&self) -> bool {
         use ControllerError::{Link, Modbus, NoAnswer};
         match self {
@@ -212,13 +212,13 @@ impl RunError {
         }
     }
 
-    /// A person asked for it.
+    /// Whether a person requested the stop.
     pub fn is_stop(&self) -> bool {
         matches!(self, Self::Controller(ControllerError::Halted))
     }
 }
 
-/// What to do about a sensor that says so.
+/// Remedy for a sample with this flag.
 fn unseen(flag: Flag) -> &'static str {
     match flag {
         Flag::Stale => "the sensor has fallen silent: see to its cable, its power and its link",

@@ -1,4 +1,4 @@
-//! From the readings of a measured run to its stored estimate. Nothing here needs the machine.
+//! From the readings of a completed measurement to its stored estimate. Nothing here needs the machine.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -19,28 +19,28 @@ use methods::decision;
 use methods::identification::add_sizes;
 use methods::{IdentifyError, Method};
 
-/// How often a stop is looked for while the identification computes.
+/// Polling period for a stop while the identification runs.
 const STOP_POLL: Duration = Duration::from_millis(50);
 
-/// Why a measured run has no estimate.
+/// Reason why a completed measurement has no estimate.
 #[derive(Debug, thiserror::Error)]
 pub enum Unidentified {
     #[error(transparent)]
     Refused(#[from] IdentifyError),
-    /// Its machine file or its settings are of another version of this program.
+    /// The machine file or the settings of the run belong to another version of this program.
     #[error(transparent)]
     Setup(Box<SetupError>),
     #[error("the identification ended without answer")]
     NoAnswer,
     #[error("stopped during the identification")]
     Stopped,
-    /// It is found, and found again from the readings.
+    /// The estimate exists but is not stored. It can be computed from the readings again.
     #[error("what was found could not be kept: {0}")]
     Unkept(#[from] StoreError),
 }
 
 impl Unidentified {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> Option<String> {
         match self {
             Self::Refused(error) => Some(error.remedy()),
@@ -51,14 +51,14 @@ impl Unidentified {
         }
     }
 
-    /// Another identification of the same readings fails as well.
+    /// Whether another identification of the same readings fails as well.
     fn is_lasting(&self) -> bool {
         matches!(self, Self::Refused(_) | Self::Setup(_) | Self::NoAnswer)
     }
 }
 
-/// Computes beside the runtime and with a low priority. Where the receiver is dropped, the thread ends with its
-/// computation or with the program.
+/// Runs the computation on a thread of its own with a low priority. If the receiver is dropped, the thread ends
+/// with the computation or with the program.
 fn compute<T: Send + 'static>(
     computation: impl FnOnce() -> T + Send + 'static,
 ) -> oneshot::Receiver<T> {
@@ -70,7 +70,7 @@ fn compute<T: Send + 'static>(
     result
 }
 
-/// A stop ends it at once.
+/// Identifies the run; a stop ends the wait at once.
 pub(super) async fn identify(
     method: &Arc<dyn Method>,
     plan: Plan,
@@ -80,7 +80,7 @@ pub(super) async fn identify(
     let method = method.clone();
     let mut result = compute(move || identified(method.as_ref(), &plan, &readings));
     loop {
-        // An answer not yet there leaves the receiver as it was.
+        // A timeout leaves the receiver usable.
         if let Ok(found) = tokio::time::timeout(STOP_POLL, &mut result).await {
             return Ok(found.map_err(|_| Unidentified::NoAnswer)??);
         }
@@ -90,7 +90,7 @@ pub(super) async fn identify(
     }
 }
 
-/// Machine file and method, as the run was begun with them.
+/// Machine file and method with which the run was started.
 pub(super) fn stored_setup(
     stored: &StoredRun,
 ) -> Result<(MachineFile, Arc<dyn Method>), SetupError> {
@@ -101,11 +101,11 @@ pub(super) fn stored_setup(
     Ok((machine, method.into()))
 }
 
-/// The estimate of a stored run that was measured to its end, judged by the tolerances of its own machine file.
-/// Blocks.
+/// Identifies a stored run that was measured to its end, and judges it by the tolerances of its own machine
+/// file. Blocks the thread.
 ///
 /// # Errors
-/// The method refuses its readings; its machine file is of another version.
+/// The method refuses the readings, or the machine file belongs to another version.
 pub fn identify_stored(stored: StoredRun) -> Result<Estimate, Unidentified> {
     let unreadable = |error| Unidentified::Setup(Box::new(error));
     let (machine, method) = stored_setup(&stored).map_err(unreadable)?;
@@ -113,18 +113,18 @@ pub fn identify_stored(stored: StoredRun) -> Result<Estimate, Unidentified> {
     Ok(judged(estimate, &machine.tolerance))
 }
 
-/// As [`identify_stored`], on a thread of its own; an error of the channel means that the thread panicked.
+/// Runs [`identify_stored`] on a thread of its own. A channel error means that the thread panicked.
 pub fn start_identification(
     stored: StoredRun,
 ) -> oneshot::Receiver<Result<Estimate, Unidentified>> {
     compute(move || identify_stored(stored))
 }
 
-/// Stores what an identification of `run` has `found`: the estimate, or as a fault why there is none. A stop is
-/// not stored: the run is identified later.
+/// Stores the result of an identification of `run`: the estimate, or the failure as a fault. A stop is not
+/// stored; the run is identified later.
 ///
 /// # Errors
-/// Why there is no estimate in the journal.
+/// The reason why the journal has no estimate.
 pub async fn store_identification(
     journal: &Journal,
     run: RunId,
@@ -147,10 +147,11 @@ pub async fn store_identification(
     }
 }
 
-/// What the readings of the plan show, with the ranges of the axes and the hashes of its priors: those of the journal.
+/// Identifies the plan's readings, and adds the ranges of the axes and the hashes of its inputs as in the
+/// journal.
 ///
 /// # Errors
-/// As [`Method::identify`].
+/// See [`Method::identify`].
 pub fn identified(
     method: &dyn Method,
     plan: &Plan,
@@ -164,12 +165,12 @@ pub fn identified(
     Ok(estimate)
 }
 
-/// Of the probe of the plan and where its stylus is. `None`: it has no JSON.
+/// Hash of the plan's probe and of its stylus position. `None`: a value cannot be written as JSON.
 pub fn probe_sha256(plan: &Plan) -> Option<String> {
     sha256(&(plan.probe.identity(), plan.machine.tool_mm)).ok()
 }
 
-/// `None`: something has no JSON.
+/// Provenance of the estimate. `None`: a value cannot be written as JSON.
 fn provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
     let times = readings.iter().map(|reading| reading.t_s);
     let [first, last] = [times.clone().reduce(f64::min), times.reduce(f64::max)];
@@ -194,7 +195,7 @@ fn provenance(plan: &Plan, readings: &[Reading]) -> Option<Provenance> {
     })
 }
 
-/// Smallest and largest position of each axis, mm and degrees, to the third decimal place that holds them.
+/// Minimum and maximum position of each axis, mm and degrees, rounded outwards to three decimals.
 fn ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
     let mut ranges: BTreeMap<Axis, [f64; 2]> = BTreeMap::new();
     for (axis, value) in readings.iter().flat_map(|reading| reading.position.iter()) {
@@ -207,7 +208,7 @@ fn ranges(readings: &[Reading]) -> BTreeMap<Axis, [f64; 2]> {
     ranges.into_iter().map(|(axis, range)| (axis, rounded(range))).collect()
 }
 
-/// The estimate with its verdict, and a warning for every limit that nothing answers to.
+/// The estimate with its verdict, and a warning for each limit that matches no parameter.
 pub fn judged(mut estimate: Estimate, tolerance: &[Limit]) -> Estimate {
     decision::judge(&mut estimate, tolerance);
     estimate.warnings.extend(decision::unmatched(&estimate, tolerance));

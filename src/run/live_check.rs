@@ -1,4 +1,4 @@
-//! Before the first approach of a run, and of one that goes on: does the probe live?
+//! Test of the probe before the first approach of a new or a resumed run.
 
 use std::time::Duration;
 
@@ -11,16 +11,16 @@ use machine::record::artefact::Artefact;
 use machine::record::event::Event;
 use machine::record::machine::LiveCheck;
 
-/// A person needs so long to walk up to the machine.
+/// Maximum wait for the operator to deflect the stylus, and again to release it.
 const PATIENCE: Duration = Duration::from_secs(60);
 const POLL: Duration = Duration::from_millis(20);
 
 impl Run<'_> {
-    /// Nothing moves here, save what a person moves who was asked to the machine: then it says where
-    /// the machine stands now.
+    /// Tests the probe. Nothing moves here unless an operator who was asked to the machine moves it: then the
+    /// present position is returned.
     ///
     /// # Errors
-    /// The stylus was not deflected and let go again in time; a halt.
+    /// The stylus was not deflected and released in time, or the machine is halted.
     pub(super) async fn live_check(&mut self) -> Result<Option<Position>, RunError> {
         match self.plan.probe.live_check {
             LiveCheck::Touch => {
@@ -42,13 +42,13 @@ impl Run<'_> {
                 self.stylus(false).await?;
                 self.probe_lives = true;
                 self.note(Event::Announced { text: "the probe lives".to_owned() }).await?;
-                // Whoever was at the machine may have moved it, and changed modes, offsets or overrides.
+                // The operator may have moved the machine, and changed modes, offsets or overrides.
                 Ok(Some(self.devices.controller.prepare().await?.stands))
             }
         }
     }
 
-    /// Wait until the probe reads so.
+    /// Waits until the probe input is `closed`.
     async fn stylus(&mut self, closed: bool) -> Result<(), RunError> {
         let deadline = Instant::now() + PATIENCE;
         let controller = &self.devices.controller;

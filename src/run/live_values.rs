@@ -1,5 +1,5 @@
-//! What the sensors of a prompt read while a person works at the machine, and the place of the artefact by them.
-//! A sensor that fails here ends nothing: the person may have moved it.
+//! Live values of a prompt's sensors while the operator works at the machine, and the artefact's position from
+//! them. A sensor failure here does not end the run: the operator may have moved the sensor.
 
 use std::collections::BTreeMap;
 
@@ -11,11 +11,12 @@ use super::watched_sensors::is_distance;
 use machine::record::reading::Flag;
 use machine::record::watch::{LiveSection, LiveSensor, LiveValues, SectionSensor, WatchedSensor};
 
-/// Determinant of the normal equations of an eccentricity: of two sensors the squared sine of the angle between them.
+/// Minimum determinant of the normal equations of an eccentricity; for two sensors it is the squared sine of
+/// the angle between them.
 const MIN_DETERMINANT: f64 = 0.05;
 
 impl Run<'_> {
-    /// The next sample of each of these sensors. Nothing of it is kept.
+    /// Reads the next sample of each of these sensors. The values are not stored.
     pub(super) async fn live_values(&self, watch: &[WatchedSensor]) -> LiveValues {
         located(watch, join_all(watch.iter().map(|watched| self.live_sensor(watched))).await)
     }
@@ -49,7 +50,7 @@ fn describe(flag: Flag) -> &'static str {
     }
 }
 
-/// With the place of the artefact.
+/// Adds the position of the artefact to the values.
 pub(super) fn located(watch: &[WatchedSensor], sensors: Vec<LiveSensor>) -> LiveValues {
     let sections = sections(watch, &sensors);
     let numbered = |section: &Section| LiveSection {
@@ -83,14 +84,14 @@ fn sections(watch: &[WatchedSensor], sensors: &[LiveSensor]) -> Vec<Section> {
     deviations.into_iter().map(section).collect()
 }
 
-/// Of one radial sensor.
+/// Deviation at one radial sensor.
 struct Deviation {
     angle_rad: f64,
-    /// Target less value: the eccentricity's component towards the sensor.
+    /// Target minus value, mm: the eccentricity's component towards the sensor.
     to_target_mm: f64,
 }
 
-/// By least squares; `None`: fewer than two sensors, or opposite ones.
+/// Eccentricity by least squares, mm. `None`: fewer than two sensors, or two opposite ones.
 fn eccentricity_mm(deviations: &[Deviation]) -> Option<[f64; 2]> {
     let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
     for Deviation { angle_rad, to_target_mm } in deviations {
@@ -103,7 +104,7 @@ fn eccentricity_mm(deviations: &[Deviation]) -> Option<[f64; 2]> {
     Some((inverse * right).into())
 }
 
-/// Of exactly two sections.
+/// Tilt from exactly two sections, µrad.
 fn tilt_urad(sections: &[Section]) -> Option<[f64; 2]> {
     let [low, high] = sections else { return None };
     let (from, to) = (low.eccentricity_mm?, high.eccentricity_mm?);

@@ -1,4 +1,5 @@
-//! Sensors that are read while a run waits for a person: one of them is a sender on a TCP port that fails in each way.
+//! Sensors that are read while a run waits for the operator. One of them is a TCP sender that fails in each
+//! way.
 
 use std::io::Write as _;
 use std::net::{SocketAddr, TcpListener};
@@ -12,7 +13,7 @@ use crate::setup::{self, MachineFile, Pace, Past};
 use crate::store::NewRun;
 use machine::record::watch::{LiveSensor, LiveValues, SectionSensor, WatchedSensor};
 
-/// What the sender does.
+/// Behaviour of the sender.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Signal {
     Distance,
@@ -21,7 +22,7 @@ enum Signal {
     Closed,
 }
 
-/// A hundred lines a second until it closes.
+/// Sends a hundred lines per second until it closes the connection.
 fn sender(signal: Arc<Mutex<Signal>>) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();
@@ -55,7 +56,7 @@ fn machine(address: SocketAddr) -> MachineFile {
     MachineFile::parse("shop.toml", text.replacen(simulated, &serial, 1)).unwrap()
 }
 
-/// What came of the sender, and what it is to do next.
+/// The signal that the sensor has shown, and the signal to send next.
 fn next_signal(x1: &LiveSensor) -> Option<(Signal, Signal)> {
     match (x1.value_mm, x1.failure.as_deref()) {
         (Some(0.04), None) => Some((Signal::Distance, Signal::NoEcho)),
@@ -66,8 +67,8 @@ fn next_signal(x1: &LiveSensor) -> Option<(Signal, Signal)> {
     }
 }
 
-/// The person moves the sensor while the run waits: all that is shown, none of it is kept, and nothing ends but by the
-/// answer. After the answer no sensor is read for display.
+/// The operator moves the sensor while the run waits. Every state is shown, nothing is stored, and only the
+/// answer ends the wait. After the answer no sensor is read for display.
 #[tokio::test]
 async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing() {
     let signal = Arc::new(Mutex::new(Signal::Distance));
@@ -113,20 +114,20 @@ async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing()
     assert_eq!(asked.count(), 0);
     for LiveValues { sensors, sections, tilt_urad } in &told {
         assert_eq!((sensors.len(), sections.len(), *tilt_urad), (7, 0, None));
-        // The others measure on; at first they are to be set to the middle of their ranges.
+        // The other sensors continue to measure; each has the middle of its range as target.
         assert!(sensors[1..].iter().all(|live| live.value_mm.is_some_and(|mm| mm.abs() < 0.3)));
         assert!(sensors.iter().all(|live| live.target_mm == Some(0.0)));
     }
 }
 
-/// From a sensor outside a circle of 30 mm to the circle, along the line through the origin.
+/// Distance from a sensor outside a circle of 30 mm radius to the circle, along the line through the origin.
 fn distance_mm(angle_rad: f64, [x, y]: [f64; 2]) -> f64 {
     let (sin, cos) = angle_rad.sin_cos();
     let (along, across) = (x * cos + y * sin, y * cos - x * sin);
     40.0 - along - (30.0_f64.powi(2) - across * across).sqrt()
 }
 
-/// Targets are distances to the centred circle.
+/// Sections with the distances to the centred circle as targets.
 fn watched(
     sections_mm: &[(f64, [f64; 2])],
     angles_deg: &[f64],
@@ -166,7 +167,7 @@ fn a_section_with_too_few_sensors_has_no_eccentricity() {
     let truth = [(60.0, [0.020, -0.035]), (120.0, [0.050, -0.005])];
     let (watch, mut live): (Vec<_>, Vec<_>) =
         watched(&truth, &[0.0, 90.0, 180.0]).into_iter().unzip();
-    // What is left of the second section are two opposite sensors.
+    // Two opposite sensors remain in the second section.
     live[4].value_mm = None;
     let LiveValues { sections, tilt_urad, .. } = located(&watch, live);
     assert!(sections[0].eccentricity_um.is_some());

@@ -1,8 +1,8 @@
-//! The state machine of one run. Sole owner of the devices. It asks the method for the
-//! next stage, checks every block of it before the first moves, executes step by step, and makes
-//! each reading durable before the next touch.
+//! State machine of one run and sole owner of the devices. It requests the next stage from the method, proves
+//! every block of the stage before the first motion, executes step by step, and makes each reading durable
+//! before the next touch.
 //!
-//! After a fault or a stop the machine holds and stays: nothing here moves it again.
+//! After a fault or a stop the machine holds; this module does not move it again.
 
 mod again;
 mod ahead;
@@ -63,33 +63,33 @@ pub struct Run<'a> {
     pub method: &'a dyn Method,
     pub devices: &'a Devices,
     pub journal: &'a Journal,
-    /// Grows with every stage.
+    /// Plan so far; each stage adds its steps.
     pub plan: Plan,
     pub readings: Vec<Reading>,
-    /// Whether anything was sent that moves the machine.
+    /// Whether any block was sent that moves the machine.
     pub moved: bool,
-    /// Whether the run goes on after an interruption.
+    /// Whether the run was resumed after an interruption.
     pub resumed: bool,
-    /// What touches have confirmed since the control was prepared.
+    /// Directions that touches have confirmed since the control was prepared.
     confirmed: Confirmed,
-    /// How the control receives blocks, once it was prepared.
+    /// How the control receives blocks; valid after it was prepared.
     transmission: Transmission,
     timeline: Timeline,
-    /// What the plan looks with, once it is open.
+    /// Open sensors of the plan.
     looking: Vec<Mounted>,
-    /// Whoever is asked, and what was answered: steps, each in its pass.
+    /// Source of the answers to prompts, and the answered prompts as (step, repeat).
     answers: Answers,
     answered: Vec<(u32, u32)>,
     warmth: Warmth,
     ahead: Ahead,
-    /// A person, a touch or a sensor has shown it since the machine was prepared.
+    /// Whether the operator, a touch or a sensor has shown since the last preparation that the probe works.
     probe_lives: bool,
-    /// Told of everything that happens, after it is durable.
+    /// Called with each event after it is durable.
     tell: &'a mut dyn FnMut(&Event),
 }
 
 impl<'a> Run<'a> {
-    /// A run that the journal knows as `id`; its plan has no steps yet.
+    /// A run with the number `id` in the journal; its plan has no steps yet.
     pub fn new(
         id: RunId,
         method: &'a dyn Method,
@@ -120,22 +120,22 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// A run that has somebody to ask.
+    /// Sets the source of the answers to prompts.
     pub fn asking(self, answers: Answers) -> Self {
         Self { answers, ..self }
     }
 
-    /// Measure to the end. The plan and the readings stay in `self`, whatever happens.
+    /// Measures the whole run. The plan and the readings stay in `self` after an error.
     ///
     /// # Errors
-    /// A fault or a stop: the machine holds, the journal says `held` (a stop, or a fault on the way),
-    /// `failed` (refused before anything moved) or `closed` (it cannot go on).
+    /// A fault or a stop: the machine holds, and the state in the journal is `held` (a stop, or a fault after
+    /// the first motion), `failed` (refused before the first motion) or `closed` (not resumable).
     pub async fn execute(&mut self) -> Result<(), RunError> {
         let ended = self.measure().await;
         self.end(ended).await
     }
 
-    /// Write down how it ended.
+    /// Journals the end of the run.
     async fn end(&mut self, ended: Result<(), RunError>) -> Result<(), RunError> {
         match ended {
             Ok(()) => {
@@ -158,7 +158,7 @@ impl<'a> Run<'a> {
         let steps = self.rehearse().await?;
         self.can_sweep(&steps)?;
         self.can_ask(first_question(&steps))?;
-        // What the method refuses is refused before anything moves.
+        // The method refuses a plan before the first motion.
         self.next(&[])?;
         let planned = Plan { steps, ..self.plan.clone() };
         for text in self.method.forecast(&planned, self.ahead.machine_s())? {
@@ -168,7 +168,7 @@ impl<'a> Run<'a> {
         self.stages(Vec::new(), Some(stands)).await
     }
 
-    /// From nominal positions: what is ahead, and its steps.
+    /// Rehearses the run from nominal positions: stores the remaining stages and returns their steps.
     async fn rehearse(&mut self) -> Result<Vec<Step>, RunError> {
         let (ahead, steps) =
             stage::rehearsed(self.method, &self.plan, &self.devices.dialect).await?;
@@ -176,7 +176,7 @@ impl<'a> Run<'a> {
         Ok(steps)
     }
 
-    /// Where the machine stands, ready.
+    /// Prepares control and thermometers; returns the position of the machine.
     async fn prepare(&mut self) -> Result<Position, RunError> {
         let prepared = self.devices.controller.prepare().await?;
         let text = format!("{}; {}", prepared.identity, prepared.stop);
@@ -194,7 +194,7 @@ impl<'a> Run<'a> {
         Ok(self.live_check().await?.unwrap_or(prepared.stands))
     }
 
-    /// All stages after the `done` ones, to the end.
+    /// Runs all stages after the `done` ones.
     async fn stages(
         &mut self,
         mut done: Vec<Stage>,
@@ -215,11 +215,11 @@ impl<'a> Run<'a> {
         Ok(self.devices.controller.finish().await?)
     }
 
-    /// Whether all came that was listened to, and how much was not listened to.
+    /// Reports for each sensor how many samples came and how many were ignored.
     async fn tell_of_samples(&mut self) -> Result<(), RunError> {
         let mut told = Vec::new();
         for sensor in &self.looking {
-            // A sensor that has ended since has said so where it was needed.
+            // A sensor that has failed since then was reported where it was needed.
             let tally = sensor.tally().await.unwrap_or_default();
             told.extend((tally.came > 0).then(|| format!("{}: {tally}", sensor.name())));
         }
@@ -233,15 +233,15 @@ impl<'a> Run<'a> {
         Ok(self.method.next(&self.plan, done, Source::Measured(&self.readings))?)
     }
 
-    /// Journal, then tell.
+    /// Journals the event, then reports it.
     async fn note(&mut self, event: Event) -> Result<(), RunError> {
         self.journal.event(self.id, &event).await?;
         (self.tell)(&event);
         Ok(())
     }
 
-    /// Write down how the run ended. The journal itself may be what failed: then its own fault is
-    /// already on its way to the person, and there is nowhere to write.
+    /// Journals how the run ended. If the journal itself has failed, its own error is reported instead, and
+    /// there is nowhere to write.
     async fn keep(&mut self, error: &RunError) {
         let event = match error {
             _ if error.is_stop() => Event::Held { reason: error.to_string() },

@@ -1,4 +1,4 @@
-//! Whether the probe is qualified as a run needs it: the same probe, not too long ago (`[probe]
+//! Whether the probe has the qualification that a run requires: of the same probe, and recent enough (`[probe]
 //! qualified_within_days`).
 
 use jiff::Timestamp;
@@ -10,7 +10,7 @@ use machine::record::plan::Plan;
 use methods::Method;
 use methods::identification::probe_map::METHOD;
 
-/// Why a run does not begin.
+/// Reason why a run does not begin.
 #[derive(Debug, thiserror::Error)]
 pub enum Unqualified {
     #[error(
@@ -36,7 +36,7 @@ pub enum Unqualified {
 }
 
 impl Unqualified {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> String {
         match self {
             Self::Map(refused) => refused.instead.clone(),
@@ -49,10 +49,12 @@ impl Unqualified {
     }
 }
 
-/// The plan with the newest qualification of the machine's probe among its priors, where the machine file asks for one.
+/// Adds the newest qualification of the machine's probe to the priors of the plan, if the machine file requires
+/// one.
 ///
 /// # Errors
-/// There is none; it is of another probe, or too old; the method cannot take it; one is given besides.
+/// There is no qualification, it belongs to another probe, it is too old, the method does not accept it, or the
+/// plan already contains one.
 pub fn qualified(
     method: &dyn Method,
     mut plan: Plan,
@@ -79,10 +81,10 @@ pub fn qualified(
     Ok(plan)
 }
 
-/// A qualification among the priors is of the plan's own probe.
+/// Checks that each qualification among the priors belongs to the plan's own probe.
 ///
 /// # Errors
-/// It is not, or does not state of which.
+/// A qualification belongs to another probe or does not name its probe.
 pub fn check_probe(plan: &Plan) -> Result<(), Unqualified> {
     let own = probe_sha256(plan);
     let is_own = |provenance: &Provenance| {
@@ -114,7 +116,7 @@ mod tests {
         methods::configure("samba", json!({})).unwrap()
     }
 
-    /// The map of a probe, as a run of `plan` would have it.
+    /// Qualification map as a run of `plan` stores it.
     fn map(plan: &Plan) -> Estimate {
         let of = |symbol: &str| {
             json!({"symbol": symbol, "value": 1.0, "unit": "um", "u": 0.1, "U": 0.2, "k": 2.0, "dof": null,
@@ -155,7 +157,7 @@ mod tests {
         let late = now + (31 * 24).hours();
         assert!(matches!(ask(&plan, late), Err(Unqualified::Old { days, .. }) if days > 30.9));
 
-        // What is declared of its uncertainty makes no other probe.
+        // Another declared uncertainty does not make another probe.
         plan.probe.repeatability_um = Some(0.2);
         assert!(ask(&plan, now).is_ok());
         plan.probe.ball_radius_mm += 0.5;

@@ -1,5 +1,5 @@
-//! A run that goes on after a stop: a person has acknowledged, the references are measured again
-//! and compared, and the next touch is the first one that has no reading yet.
+//! Resuming a run after a stop: an operator has acknowledged the stop, the references are measured again and
+//! compared, and the first touch without a reading follows.
 
 use super::timeline::Timeline;
 use super::{Run, RunError};
@@ -11,19 +11,19 @@ use machine::record::reading::Reading;
 use methods::decision::references::{Shift, in_words};
 use methods::decision::revisit::References;
 
-/// What is known of a run that did not come to its end.
+/// Stored data of an unfinished run.
 #[derive(Debug, Clone)]
 pub struct Interrupted {
-    /// In the order in which they were started.
+    /// Stages in the order in which they were started.
     pub stages: Vec<Stage>,
     pub readings: Vec<Reading>,
-    /// Steps that somebody has answered, each in its pass.
+    /// Answered prompts as (step, repeat).
     pub answered: Vec<(u32, u32)>,
     /// Wall time since the last reading, s.
     pub elapsed_s: f64,
 }
 
-/// Whether a person may let a run go on after a stop: its references were measured.
+/// Whether a run can be resumed after a stop: its references were measured.
 pub fn can_resume(plan: &Plan, readings: &[Reading]) -> bool {
     References::of(plan, readings).see_all()
 }
@@ -34,8 +34,8 @@ impl Run<'_> {
         can_resume(&self.plan, &self.readings)
     }
 
-    /// Go on where the run was interrupted; `self.plan` holds the steps so far. The caller has the
-    /// acknowledgement of a person in the journal.
+    /// Continues the run where it was interrupted; `self.plan` holds the steps so far. The caller has journaled
+    /// the operator's acknowledgement.
     ///
     /// # Errors
     /// As [`Run::execute`]; [`RunError::Moved`] and [`RunError::NoReferences`] close the run.
@@ -48,7 +48,7 @@ impl Run<'_> {
     async fn go_on(&mut self, before: Interrupted) -> Result<(), RunError> {
         let Interrupted { stages, readings, answered, elapsed_s } = before;
         (self.readings, self.answered) = (readings, answered);
-        // Of a sensor's samples the last one to be kept need not be the latest.
+        // The last stored sample of several sensors need not be the latest.
         let last_s = self.readings.iter().map(|reading| reading.t_s).max_by(f64::total_cmp);
         let Some(gap_s) = last_s.filter(|_| self.can_resume()) else {
             return Err(RunError::NoReferences);
@@ -61,7 +61,7 @@ impl Run<'_> {
         stages.iter().for_each(|stage| self.ahead.begin(&stage.name));
         let stands = self.prepare().await?;
         self.journal.set_state(self.id, RunState::Running).await?;
-        // Known before the first touch: whatever is read from here on was read after the gap.
+        // Journaled before the first touch: all later readings come after the gap.
         self.note(Event::Resumed { gap_s }).await?;
         if self.plan.gaps_s.last() != Some(&gap_s) {
             self.plan.gaps_s.push(gap_s);
@@ -78,7 +78,7 @@ impl Run<'_> {
         self.stages(done, stands).await
     }
 
-    /// A person has turned the artefact on its stage, and nothing was read since.
+    /// Whether a person has turned the artefact on its stage since the last reading.
     fn is_mounted_anew(&self) -> bool {
         let last_read = self.readings.iter().map(|reading| reading.step).max();
         let is_mount =
@@ -86,7 +86,7 @@ impl Run<'_> {
         self.answered.iter().any(|(id, _)| Some(*id) > last_read && is_mount(*id))
     }
 
-    /// The references once more; nothing else moves unless all of them agree.
+    /// Measures the references again; no other motion follows unless all of them agree.
     async fn measure_references(
         &mut self,
         stages: &[Stage],
@@ -117,7 +117,7 @@ impl Run<'_> {
         Err(RunError::Moved { shifts, scatter })
     }
 
-    /// What the interrupted stage still lacks. Returns the method's stages so far, all done.
+    /// Measures the rest of the interrupted stage. Returns the method's stages so far, all done.
     async fn finish_stage(
         &mut self,
         mut stages: Vec<Stage>,

@@ -1,4 +1,4 @@
-//! One scan: from point to point, and at each of them samples while the machine stands; or all the way
+//! One scan: samples at rest at each point of the path, or samples in motion along the whole path
 //! (`scan_in_motion.rs`).
 
 use super::stands::unrounded;
@@ -12,7 +12,7 @@ use machine::record::sensor::Mount;
 use planning::proof::ProvenBlock;
 use planning::{blocks_out_of_range, end_of};
 
-/// A sample of a sensor, and where the machine stood.
+/// A sample of a sensor with the position of the axes.
 pub(super) struct Sampled<'a> {
     pub sensor: &'a str,
     pub sample: Sample,
@@ -21,7 +21,7 @@ pub(super) struct Sampled<'a> {
 }
 
 impl Run<'_> {
-    /// The blocks of a scan; every sample that was taken along it.
+    /// Executes the blocks of a scan and returns all samples taken along it.
     pub(super) async fn scan(
         &mut self,
         (step, scan): (&Step, &Scan),
@@ -41,17 +41,17 @@ impl Run<'_> {
                 self.dwells(step, repeat, samples, rest, in_nest).await
             }
             Sampling::Continuous { rate_hz, per_revolution } => {
-                // The filter to equal angles takes all samples.
+                // The filter to equal angles needs all samples.
                 let most_hz = if per_revolution.is_some() { f64::INFINITY } else { rate_hz };
                 self.sweep((step, scan), repeat, most_hz, rest, in_nest).await
             }
         }
     }
 
-    /// Until a scan has confirmed where the machine stands: up from where it stands, then to where nothing
-    /// declared is within the range of a sensor in the spindle, nor the ball within that of one on the table. A
-    /// distance on that last way, or at its end, is that of a body that is not where it is stated, and holds
-    /// the machine.
+    /// Moves out of the sensors' range, as long as no scan has confirmed the position of the machine: first up,
+    /// then to a position where no declared body is within the range of a sensor in the spindle and the ball is
+    /// outside the range of a sensor on the table. A distance during or after that last motion means that a
+    /// body is not at its stated position; the machine is held.
     async fn out_of_range(
         &mut self,
         step: &Step,
@@ -68,7 +68,7 @@ impl Run<'_> {
             self.watched(step, block, all).await?;
         }
         if count > 0 {
-            // A simulated sensor without a wire is not watched: it reports only when it is polled.
+            // A simulated sensor without a wire cannot be watched: it reports only when it is polled.
             for name in &moving {
                 self.reports(step, name, is_out_of_range).await?;
             }
@@ -76,7 +76,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// A block for each point, and `count` samples of each sensor at each of them.
+    /// Executes a block for each point and takes `count` samples of each sensor there.
     async fn dwells(
         &mut self,
         step: &Step,
@@ -104,7 +104,8 @@ impl Run<'_> {
         Ok(readings)
     }
 
-    /// The axes stood still all the while; the samples lie in time as the clock of the first sensor says.
+    /// Readings at one point. The axes were at rest; the samples are spaced in time by the clock of the first
+    /// sensor.
     fn at_point(
         &mut self,
         step: &Step,

@@ -1,5 +1,5 @@
-//! One scan in motion: samples all the way from its first point to its last, where the control stamps positions, or
-//! where the samples carry the count of the encoder of the axis that turns.
+//! One scan in motion: samples from the first point of the path to the last. Their positions come from the
+//! control's time stamps or from the encoder count of the turning axis in each sample.
 
 use std::time::Duration;
 
@@ -22,32 +22,33 @@ use machine::record::reading::Reading;
 use machine::record::track::Track;
 use planning::proof::ProvenBlock;
 
-/// Samples of one sensor that are kept of one scan in motion: a quarter of an hour at 1 kHz.
+/// Maximum number of samples of one sensor per scan in motion, a quarter of an hour at 1 kHz.
 const MAX_SAMPLES: usize = 1_000_000;
-/// How often and how many times it is looked whether counts are at rest: samples may still be on their way when the
-/// control is at rest already.
+/// Period and number of the checks whether the counts are at rest: samples may still arrive after the control
+/// reports rest.
 const REST_PERIOD: Duration = Duration::from_millis(20);
 const MAX_REST_PERIODS: usize = 100;
 
-/// A scan in motion as it was executed.
+/// An executed scan in motion.
 struct Sweep {
     track: Option<Track>,
-    /// Where the control reported its axes at rest before and after, if counts place samples.
+    /// Positions that the control reports at rest before and after the scan, if encoder counts give the
+    /// positions.
     rests: Option<[Position; 2]>,
     channels: Vec<Channel>,
 }
 
-/// One sensor of it.
+/// Samples of one sensor.
 struct Channel {
     sensor: String,
-    /// Whose counts place its samples, and its sample at rest before.
+    /// Scale of the encoder whose counts give the positions, and the sample at rest before the scan.
     counts: Option<(EncoderScale, Sample)>,
     samples: Vec<Sample>,
 }
 
 impl Run<'_> {
-    /// Known before anything moves: a scan in motion needs a control that stamps positions, or sensors whose
-    /// samples carry the count of the encoder of the axis that it turns.
+    /// Checks before any motion that the positions of all samples can be known: the control stamps positions,
+    /// or each sample carries the encoder count of the axis that turns.
     pub(super) fn can_sweep(&self, steps: &[Step]) -> Result<(), RunError> {
         let lacks_positions = |step: &&Step| match &step.scan {
             Some(scan) if matches!(scan.sampling, Sampling::Continuous { .. }) => {
@@ -63,7 +64,8 @@ impl Run<'_> {
         }
     }
 
-    /// Whose counts place the samples of `sensor` along `scan`; `None`: the positions that the control stamps do.
+    /// Scale of the encoder whose counts give the positions of the samples of `sensor` along `scan`. `None`:
+    /// the positions that the control stamps are used.
     fn encoder_of(&self, scan: &Scan, sensor: &str) -> Option<EncoderScale> {
         let scale = self.devices.sensors.encoder_scale(sensor)?;
         let axis = scan.turned_axis().filter(|axis| *axis == scale.encoder.axis)?;
@@ -71,7 +73,7 @@ impl Run<'_> {
         (turned.abs() > STILL).then_some(scale)
     }
 
-    /// All samples of the way from the first point to the last, each with the position at which it was taken.
+    /// Samples from the first point to the last, each with the position at which it was taken.
     pub(super) async fn sweep(
         &mut self,
         (step, scan): (&Step, &Scan),
@@ -141,7 +143,7 @@ impl Run<'_> {
         Ok(Sweep { track: outcome.track, rests, channels })
     }
 
-    /// The sensors of `step`, before the axes set out.
+    /// Channels of the sensors of `step`, before the axes start.
     async fn channels(&self, step: &Step, scan: &Scan) -> Result<Vec<Channel>, RunError> {
         let scales: Vec<_> = step.sensors.iter().map(|name| self.encoder_of(scan, name)).collect();
         let firsts: Vec<Option<Sample>> = match scales.iter().any(Option::is_some) {
@@ -159,13 +161,13 @@ impl Run<'_> {
         Ok(step.sensors.iter().zip(scales).zip(firsts).map(channel).collect())
     }
 
-    /// Where the control reports its axes, which it was to bring to `commanded`.
+    /// Position that the control reports at rest after the motion to `commanded`.
     async fn at_rest(&self, commanded: Option<&Position>) -> Result<Position, RunError> {
         let stands = self.devices.controller.look().await?.stands;
         Ok(commanded.map_or_else(|| stands.clone(), |commanded| unrounded(&stands, commanded)))
     }
 
-    /// What was left out is told, not passed over.
+    /// Reports the samples that were left out.
     async fn tell_of(
         &mut self,
         (step, sensor): (&Step, &str),
@@ -232,12 +234,12 @@ impl Sweep {
 }
 
 impl Channel {
-    /// What has come by now.
+    /// Appends the samples received so far.
     fn receive(&mut self, kept: &mut mpsc::Receiver<Sample>) {
         self.samples.extend(std::iter::from_fn(|| kept.try_recv().ok()));
     }
 
-    /// Whether the counts of `samples`, two or more, are nearly the same.
+    /// Whether the counts of `samples`, two or more, are nearly equal.
     fn is_at_rest(&self, samples: &[Sample]) -> bool {
         let Some((scale, _)) = self.counts else { return true };
         match samples {
@@ -249,7 +251,7 @@ impl Channel {
     }
 }
 
-/// Until the newest samples of each sensor with counts show an axis at rest, or no more can be expected.
+/// Waits until the newest samples of each sensor with counts show an axis at rest, or until the last check.
 async fn until_counts_rest(channels: &mut [Channel], kept: &mut [mpsc::Receiver<Sample>]) {
     let size = |(channel, kept): (&mut Channel, &mut mpsc::Receiver<Sample>)| {
         channel.receive(kept);
@@ -263,7 +265,7 @@ async fn until_counts_rest(channels: &mut [Channel], kept: &mut [mpsc::Receiver<
             channel.receive(kept);
             let newest = channel.samples.get(*size..).unwrap_or_default();
             is_at_rest &= channel.is_at_rest(newest);
-            // Of a slow sensor two samples take longer.
+            // Two samples of a slow sensor take longer than one period.
             if newest.len() > 1 {
                 *size = channel.samples.len();
             }
@@ -278,7 +280,7 @@ fn unswept(step: &Step, why: &str) -> RunError {
     RunError::Unswept { step: step.id, why: why.to_owned() }
 }
 
-/// Distances, which come out of the channel, at most `count`.
+/// Accepts distances and sends them to the returned channel, at most `count`.
 fn keeping(count: usize) -> (Accepts, mpsc::Receiver<Sample>) {
     let (sender, receiver) = mpsc::channel(count);
     let keep = move |sample: &Sample| is_distance(sample) && sender.try_send(*sample).is_ok();

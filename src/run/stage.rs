@@ -1,4 +1,4 @@
-//! One stage: plan all of its blocks, prove the text they become, then execute them.
+//! One stage: plan all blocks, prove their text, then execute them.
 
 use tokio::sync::oneshot;
 
@@ -18,27 +18,28 @@ use planning::gcode::{Dialect, Transmission};
 use planning::proof::{ProvenBlock, StageRequest, Staged, Unproven, prove_blocks};
 use planning::{Clearance, Confirmed, Start, asked_first, end_of, machine_time_s, step_blocks};
 
-/// The blocks of a step with what belongs to them: `B` is [`Block`] as planned, [`ProvenBlock`] as proven.
+/// The blocks of a step with their data: `B` is [`Block`] as planned, [`ProvenBlock`] as proven.
 struct Task<B> {
     step: Step,
     blocks: Vec<B>,
-    /// Machine time from here to the end of the stage, s.
+    /// Machine time from the start of this step to the end of the stage, s.
     remaining_s: f64,
-    /// Where the machine stands afterwards.
+    /// Position of the machine at the end of the step.
     ends: Position,
 }
 
-/// Of a block. The window of a resident program takes 20 rows at once (docs/resident-program.md).
+/// Maximum number of motions in a block. The window of a resident program takes 20 rows at once
+/// (docs/resident-program.md).
 const MOST_MOTIONS: usize = 16;
 
-/// How text is written and sent.
+/// Dialect of the text, and its transmission to the control.
 #[derive(Clone, Copy)]
 struct Sent<'a> {
     dialect: &'a Dialect,
     transmission: &'a Transmission,
 }
 
-/// From where a stage sets out.
+/// State of the machine at the start of a stage.
 #[derive(Clone)]
 struct Begin {
     stands: Option<Position>,
@@ -46,7 +47,7 @@ struct Begin {
 }
 
 impl Run<'_> {
-    /// `done`: the stages before. Returns where the machine stands at the end.
+    /// Runs one stage; `done` holds the stages before it. Returns the position of the machine at the end.
     pub(super) async fn run_stage(
         &mut self,
         done: &[Stage],
@@ -80,7 +81,7 @@ impl Run<'_> {
         Ok(stands)
     }
 
-    /// On disk, before anybody hears of it.
+    /// Stores the readings before they are reported.
     async fn keep_readings(
         &mut self,
         step: &Step,
@@ -128,11 +129,10 @@ impl Run<'_> {
     }
 }
 
-/// Go through a whole run from nominal positions: what any stage would be refused for is known
-/// before the first move.
+/// Plans and proves a whole run from nominal positions, so that any refusal is known before the first motion.
 ///
 /// # Errors
-/// What the first stage that cannot be measured is refused for.
+/// The refusal of the first stage that cannot be measured.
 pub async fn rehearse(
     method: &dyn Method,
     plan: &Plan,
@@ -142,16 +142,16 @@ pub async fn rehearse(
     Ok(Rehearsed { machine_s: ahead.machine_s(), asks: first_question(&steps).is_some() })
 }
 
-/// What is known of a run before it begins.
+/// Facts about a run that its rehearsal gives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rehearsed {
     /// Machine time of all stages, s.
     pub machine_s: f64,
-    /// A person is asked on the way.
+    /// Whether the run contains a prompt to the operator.
     pub asks: bool,
 }
 
-/// As [`rehearse`]: all of its stages, and the steps that it went through.
+/// Rehearses a run as [`rehearse`]; returns all of its stages and steps.
 pub(super) async fn rehearsed(
     method: &dyn Method,
     plan: &Plan,
@@ -178,7 +178,7 @@ pub(super) async fn rehearsed(
     Ok((Ahead::new(stages), plan.steps))
 }
 
-/// Plan and prove beside the runtime: a halt must not wait for it.
+/// Plans and proves on a separate thread: a halt must not wait for the proof.
 async fn prove(
     plan: &Plan,
     sent: Sent<'_>,
@@ -199,7 +199,7 @@ async fn prove(
     result.await.map_err(|_| RunError::ProofGone { stage: name })?
 }
 
-/// The blocks of a stage, and the proof of the text that they become for this control.
+/// The blocks of a stage, and the proof of their text for this control.
 fn proven(
     plan: &Plan,
     stage: &Stage,
@@ -229,8 +229,8 @@ fn proven(
     Ok((tasks.into_iter().map(of_task).collect(), proof))
 }
 
-/// A long way in parts: a control holds no more than some rows at once. The last part has the touch and
-/// whatever belongs to it. A scan stays whole: samples are taken along it.
+/// Splits a long path into parts, as a control holds a limited number of rows. The last part contains the touch
+/// and the motions that belong to it. A scan is not split: samples are taken along it.
 fn parts(step: &Step, mut block: Block) -> Vec<Block> {
     if step.scan.is_some() {
         return vec![block];
@@ -241,7 +241,7 @@ fn parts(step: &Step, mut block: Block) -> Vec<Block> {
     block.motions.chunks(MOST_MOTIONS).map(part).chain([part(&touch)]).collect()
 }
 
-/// The blocks of a stage; nothing is planned that has no way to its start.
+/// The blocks of a stage. A stage without a path to its start is refused.
 fn tasks(
     plan: &Plan,
     stage: &Stage,

@@ -1,16 +1,17 @@
-//! Where the machine stands at a point, when the control shows it in coarse steps.
+//! Position of the machine at a point when the control displays it in coarse steps.
 
 use machine::{Axis, Position};
 
-/// Controls that show positions in steps show thousandths, mm and degrees.
+/// Step of the display of such controls: a thousandth, mm or degrees.
 const STEP: f64 = 1e-3;
-/// Of a step: so near it, beside binary rounding, lies what is shown in steps.
+/// Maximum distance to a multiple of the step, in steps: the error of binary rounding.
 const SAME: f64 = 1e-6;
-/// Of a step: half of it, and what the written command was rounded by.
+/// Maximum difference from the commanded position, in steps: half a step plus the rounding of the written
+/// command.
 const NEAR: f64 = 0.56;
 
-/// `told` by the control, but for the axes of which it says just what was commanded, rounded: there the
-/// command knows more. An axis that is told to stand elsewhere stands elsewhere.
+/// The position `told` by the control. If the value of an axis is the rounded command, the command replaces it,
+/// as it is more precise. Any other value is kept.
 pub(super) fn unrounded(told: &Position, commanded: &Position) -> Position {
     let finer = |(axis, at): (Axis, f64)| {
         let steps = axis.to_edge(at) / STEP;
@@ -34,16 +35,16 @@ mod tests {
     fn a_command_is_taken_where_the_control_shows_it_rounded_and_nowhere_else() {
         let commanded = at(12.3456, -0.0004, 33.3333);
         assert_eq!(unrounded(&at(12.346, 0.0, 33.333), &commanded), commanded);
-        // Written with four decimals first.
+        // Rounded twice: first the command was written with four decimals.
         let twice = at(219.830_499_9, 0.0, 0.0);
         assert_eq!(unrounded(&at(219.831, 0.0, 0.0), &twice), twice);
-        // One step of the display off: it stands there.
+        // A value one display step off is kept.
         let off = at(12.345, -0.001, 33.334);
         assert_eq!(unrounded(&off, &commanded), off);
-        // A control that shows more is believed.
+        // A value with more decimals than the display step is kept.
         let fine = at(12.345_61, -0.000_41, 33.333_31);
         assert_eq!(unrounded(&fine, &commanded), fine);
-        // What was not commanded is as it is told.
+        // An axis without a command keeps its value.
         let told = at(12.346, 0.0, 33.333).with(Axis::Z, 7.001);
         assert_eq!(unrounded(&told, &commanded).at(Axis::Z), 7.001);
     }

@@ -1,19 +1,21 @@
-//! One scan in motion: what a sensor said on the way, put to where the control says that the axes stood.
+//! One scan in motion: the samples of a sensor with the axis positions that the control reports for their
+//! times.
 
 use devices::sensors::Sample;
 use machine::Position;
 use machine::record::track::Track;
 
-/// An axis under control stands still so nearly, mm or rad.
+/// Maximum deviation of a controlled axis at rest, mm or rad.
 pub(super) const STILL: f64 = 0.002;
-/// A sensor that is faster by no more than this is as fast as the plan wants it.
+/// Maximum ratio of the sensor's rate to the planned rate at which no sample is left out.
 const AS_FAST: f64 = 1.02;
 const WINDOW: usize = 50;
-/// A stamped way has been at a point that it passes so near, mm or rad: the axes stop there, and lag behind
-/// what they are told.
+/// Maximum distance at which a stamped path has reached a point, mm or rad: the axes lag behind their commands
+/// and stop at the points.
 const NEAR: f64 = 0.2;
 
-/// Why a track is not of all of `path`. Samples beyond its ends would be missed by nobody.
+/// Reason why a track does not cover all of `path`. Without this check, missing samples beyond its ends would
+/// not be noticed.
 pub(super) fn unstamped(track: &Track, path: &[Position]) -> Option<String> {
     let reached = track.reaches(path, NEAR);
     (reached < path.len()).then(|| {
@@ -21,17 +23,17 @@ pub(super) fn unstamped(track: &Track, path: &[Position]) -> Option<String> {
     })
 }
 
-/// Samples with the positions at which their axes stood.
+/// Samples with the axis positions at their times.
 #[derive(Debug, Default)]
 pub(super) struct Placed {
     pub samples: Vec<(Sample, Position)>,
-    /// Taken while the axes moved, at a time of which the control says nothing.
+    /// Number of samples taken in motion at a time without a position from the control.
     pub nowhere: usize,
-    /// Left out because the sensor is faster than the plan wants.
+    /// Number of samples left out because the sensor is faster than the planned rate.
     pub thinned: usize,
 }
 
-/// What of `samples` was taken while the axes of `track` moved, at most `rate_hz` a second.
+/// The `samples` taken while the axes of `track` moved, at most `rate_hz` per second.
 pub(super) fn placed(samples: &[Sample], track: &Track, rate_hz: f64) -> Placed {
     let Some((from_s, to_s)) = track.moving_s(STILL) else { return Placed::default() };
     let moving = samples.iter().filter(|sample| (from_s..=to_s).contains(&sample.t_s));
@@ -39,13 +41,13 @@ pub(super) fn placed(samples: &[Sample], track: &Track, rate_hz: f64) -> Placed 
     thinned(&positions.collect::<Vec<_>>(), rate_hz)
 }
 
-/// At most `rate_hz` a second of samples and where the axes were; `None`: not known.
+/// At most `rate_hz` samples per second with their positions. `None`: the position is unknown.
 pub(super) fn thinned(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> Placed {
     let mut placed = Placed::default();
     let keep = share(samples, rate_hz);
     let mut due = 1.0;
     for (sample, position) in samples {
-        // By number and not by time: samples come with jitter.
+        // Chosen by number and not by time, as sample times have jitter.
         due += keep * (1.0 + f64::from(sample.missing));
         if due < 1.0 {
             placed.thinned += 1;
@@ -60,8 +62,8 @@ pub(super) fn thinned(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> P
     placed
 }
 
-/// The share of `samples` that is kept. They come with jitter, and a counter that begins anew counts far
-/// too many as missing: the rate is that of [`WINDOW`] samples at a time, in the middle of all of them.
+/// Share of `samples` that is kept. Sample times have jitter, and a counter that wraps reports far too many
+/// missing samples. The rate is therefore the median over groups of [`WINDOW`] samples.
 fn share(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> f64 {
     let own_hz = |window: &[(Sample, Option<Position>)]| {
         let ((first, _), rest) = window.split_first()?;
@@ -84,8 +86,8 @@ mod tests {
         Position::new().with(Axis::X, at)
     }
 
-    /// X from 0 to 10 mm within 10 s, stamped every 0.1 s from 10 s before to 10 s after; none between
-    /// 2.95 and 4.05 s.
+    /// X moves from 0 to 10 mm within 10 s, stamped every 0.1 s from 10 s before to 10 s after the motion; no
+    /// stamps from 2.95 to 4.05 s.
     fn track() -> Track {
         let mut track = Track::of(vec![Axis::X]);
         for number in -100_i32..=200 {
@@ -99,7 +101,7 @@ mod tests {
         track
     }
 
-    /// Every 4 ms; the value is the time.
+    /// A sample every 4 ms whose value is its time.
     fn samples() -> Vec<Sample> {
         let sample = |number: i32| {
             let t_s = f64::from(number) * 0.004 + 0.001;
@@ -114,7 +116,7 @@ mod tests {
         for (sample, position) in &placed.samples {
             assert!((position.at(Axis::X) - sample.t_s).abs() < 1e-9, "{sample:?} {position:?}");
         }
-        // Ten seconds, less the gap from 2.9 to 4.1 s.
+        // Ten seconds minus the gap from 2.9 to 4.1 s.
         assert!((2200 - placed.samples.len() as i32).abs() <= 2, "{}", placed.samples.len());
         assert!((300 - placed.nowhere as i32).abs() <= 2, "{}", placed.nowhere);
         assert_eq!(placed.thinned, 0);
@@ -125,7 +127,7 @@ mod tests {
         let placed = placed(&samples(), &track(), 100.0);
         let times: Vec<f64> = placed.samples.iter().map(|(sample, _)| sample.t_s).collect();
         assert!((880 - times.len() as i32).abs() <= 2, "{}", times.len());
-        // Two or three periods of the sensor apart, and never between two of its samples.
+        // Kept samples are two or three sensor periods apart, and no sample is interpolated.
         for pair in times.windows(2).filter(|pair| pair[1] < 2.9 || pair[0] > 4.1) {
             let periods = (pair[1] - pair[0]) / 0.004;
             assert!((1.99..3.01).contains(&periods), "{pair:?}");
@@ -144,7 +146,8 @@ mod tests {
         assert!(placed(&samples(), &still, 1000.0).samples.is_empty());
     }
 
-    /// A counter that began anew says that tens of thousands are missing; nothing of the rest is lost for it.
+    /// A counter that wraps reports tens of thousands of missing samples. No other sample is lost because of
+    /// it.
     #[test]
     fn a_counter_that_begins_anew_thins_nothing() {
         let mut samples = samples();

@@ -1,31 +1,31 @@
-//! The readings' clock: one for the whole run, also when it goes on in another process or on a
-//! control whose own clock began anew.
+//! Clock of the readings. It is one clock for the whole run, also if the run is resumed in another process or
+//! on a control whose own clock has restarted.
 
 use std::time::Instant;
 
-/// From the time of this session's control to the time of the run, s.
+/// Conversion from the time of this session's control to the time of the run, s.
 #[derive(Debug)]
 pub(super) struct Timeline {
     since: Instant,
-    /// What the run's clock shows at `since`; `None`: the control's own time counts.
+    /// Time of the run at `since`, s. `None`: the control's own time is used.
     at_start_s: Option<f64>,
-    /// Run's time minus control's time, once the first reading has told it.
+    /// Time of the run minus time of the control, s; set at the first reading.
     offset_s: Option<f64>,
 }
 
 impl Timeline {
-    /// A run that begins: the control's time is the run's.
+    /// Timeline of a new run: the time of the control is the time of the run.
     pub fn new() -> Self {
         Self { since: Instant::now(), at_start_s: None, offset_s: Some(0.0) }
     }
 
-    /// A run that goes on `elapsed_s` (wall time) after its last reading at `last_s`.
+    /// Timeline of a run that is resumed `elapsed_s` (wall time) after its last reading at `last_s`.
     pub fn after(last_s: f64, elapsed_s: f64) -> Self {
         let at_start_s = Some(last_s + elapsed_s.max(0.0));
         Self { since: Instant::now(), at_start_s, offset_s: None }
     }
 
-    /// The run's time at the control's time `own_s`, just now.
+    /// Time of the run that corresponds to the present control time `own_s`, s.
     pub fn at(&mut self, own_s: f64) -> f64 {
         let (since, start) = (self.since, self.at_start_s.unwrap_or(own_s));
         let offset =

@@ -1,5 +1,5 @@
-//! What thermometers say when a reading comes. They are read beside the run; it waits for none, and goes on
-//! without those that are away.
+//! Temperatures at the time of a reading. Thermometers are read in parallel to the run, which waits for none
+//! and continues without those that do not answer.
 
 use std::collections::BTreeMap;
 
@@ -13,19 +13,19 @@ use machine::record::reading::Temperatures;
 pub(super) struct Warmth {
     watch: Option<Watch>,
     readings: u32,
-    /// Without the temperature of this one.
+    /// Number of readings without a temperature, for each thermometer.
     missed: BTreeMap<String, u32>,
 }
 
 impl Warmth {
-    /// Read them from now on, each once before anything moves if it answers at all.
+    /// Starts the reading of the thermometers; waits for the first value of each that answers.
     pub async fn begin(&mut self, thermometers: &Thermometers) {
         let watch = thermometers.watch();
         watch.begun().await;
         self.watch = Some(watch);
     }
 
-    /// What they say at a reading; and, of each that says nothing for the first time, why.
+    /// Temperatures at a reading, and the cause for each thermometer that does not answer for the first time.
     fn at_a_reading(&mut self) -> (Temperatures, Vec<(String, String)>) {
         let Self { watch, readings, missed } = self;
         *readings += 1;
@@ -45,7 +45,7 @@ impl Warmth {
 }
 
 impl Run<'_> {
-    /// For the reading that has just come: a touch, or all samples of a scan.
+    /// Temperatures for the newest reading: a touch, or all samples of a scan.
     pub(super) async fn temperatures_c(&mut self) -> Result<Temperatures, RunError> {
         let (felt, away) = self.warmth.at_a_reading();
         for (name, why) in away {
@@ -57,7 +57,7 @@ impl Run<'_> {
         Ok(felt)
     }
 
-    /// How many readings one has missed, if any: it may have come back.
+    /// Reports how many readings each thermometer has missed, if any: it may have answered again later.
     pub(super) async fn tell_of_thermometers(&mut self) -> Result<(), RunError> {
         let Warmth { readings, missed, .. } = &self.warmth;
         let told = missed.iter().map(|(name, count)| {

@@ -1,5 +1,5 @@
-//! The sensors of a run: opened before anything moves, and watched while it moves. A sample that is not
-//! accepted holds the machine.
+//! Sensors of a run. They are opened before any motion and watched during motion. A sample that is not accepted
+//! holds the machine.
 
 use std::cell::Cell;
 
@@ -16,10 +16,10 @@ use machine::record::reading::Flag;
 use machine::record::sensor::Mount;
 use planning::proof::ProvenBlock;
 
-/// Whether a sample lets the machine go on.
+/// Whether a sample allows the motion to continue.
 pub(super) type Accepts = Box<dyn Fn(&Sample) -> bool + Send>;
 
-/// A distance, or out of range, as on the way to the first point.
+/// Accepts a distance, or an out-of-range sample as on the path to the first point.
 pub(super) fn is_alive(sample: &Sample) -> bool {
     !matches!(sample.flag, Flag::Saturated | Flag::Stale)
 }
@@ -32,11 +32,11 @@ pub(super) fn is_distance(sample: &Sample) -> bool {
     matches!(sample.flag, Flag::None | Flag::Gap)
 }
 
-/// Share of a range at each of its ends in which noise may let a distance come and go.
+/// Share of the range, at each of its ends, where noise may make a distance appear and disappear.
 const RANGE_EDGE_SHARE: f64 = 0.1;
 
-/// For the way of a ball into the range of a sensor: anything but a failure until the distance is well within
-/// the range, from then on distances alone.
+/// Condition while a ball enters the range of a sensor: any sample but a failure until the distance is well
+/// within the range, afterwards distances alone.
 pub(super) fn accepts_entry(range_mm: [f64; 2]) -> Accepts {
     let [least, greatest] = range_mm;
     let edge = RANGE_EDGE_SHARE * (greatest - least);
@@ -50,7 +50,7 @@ pub(super) fn accepts_entry(range_mm: [f64; 2]) -> Accepts {
 }
 
 impl Run<'_> {
-    /// The sensors that the plan looks with live and say something, before anything moves.
+    /// Opens the sensors of the plan and checks, before any motion, that they respond.
     pub(super) async fn sensors_live(&mut self) -> Result<(), RunError> {
         self.looking.clear();
         for wanted in self.plan.sensors.clone() {
@@ -65,7 +65,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// Those of `step` that `mounts` carry.
+    /// Sensors of `step` on one of `mounts`.
     pub(super) fn sensors_on(
         &self,
         step: &Step,
@@ -77,8 +77,9 @@ impl Run<'_> {
         wanted.cloned().collect()
     }
 
-    /// Of each sensor of `step` what lets the machine go on to the first point: on the table it measures the ball
-    /// in the spindle, which is between the sensors all the time (`in_nest`) or enters their range.
+    /// Conditions for the sensors of `step` during the motion to the first point. A sensor on the table
+    /// measures the ball in the spindle, which is between the sensors during the whole motion (`in_nest`) or
+    /// enters their range.
     pub(super) fn accepted_on_entry(&self, step: &Step, in_nest: bool) -> Vec<Accepts> {
         let on_table = self.sensors_on(step, &[Mount::Table]);
         let accepts = |name: &String| match on_table.iter().find(|sensor| sensor.name == *name) {
@@ -98,8 +99,8 @@ impl Run<'_> {
         step.sensors.iter().map(|name| self.sensor(name)).collect()
     }
 
-    /// As long as the machine moves each sensor of `step` reports what its entry of `accepts` accepts:
-    /// otherwise the machine is held.
+    /// Executes `block`. The machine is held as soon as a sensor of `step` reports a sample that its entry of
+    /// `accepts` refuses.
     pub(super) async fn watched(
         &self,
         step: &Step,
@@ -111,7 +112,7 @@ impl Run<'_> {
         self.end_watch(step, executed).await
     }
 
-    /// Until [`Run::end_watch`].
+    /// Starts watching the sensors of `step`, until [`Run::end_watch`].
     pub(super) async fn begin_watch(
         &self,
         step: &Step,
@@ -126,7 +127,7 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// What the control has executed meanwhile, if each sensor reported what is accepted.
+    /// Outcome of the executed block, if each sensor reported accepted samples only.
     pub(super) async fn end_watch(
         &self,
         step: &Step,
@@ -137,13 +138,13 @@ impl Run<'_> {
             accepted = accepted.and(end_watch_of(step, sensor).await);
         }
         match executed {
-            // What the control says of itself comes first, but for the hold that a sensor has asked for.
+            // The control's own error comes first, unless it is the hold that a sensor has requested.
             Err(error) if !matches!(error, ControllerError::Halted) => Err(error.into()),
             executed => accepted.and(executed.map_err(RunError::from)),
         }
     }
 
-    /// One sample of a sensor, which must be as `expected`. The machine is held if it is not.
+    /// Takes one sample of a sensor, which must satisfy `expected`. Otherwise the machine is held.
     pub(super) async fn reports(
         &self,
         step: &Step,
@@ -158,8 +159,8 @@ impl Run<'_> {
         seen.inspect_err(|_| self.devices.controller.halt().now())
     }
 
-    /// `count` samples of each sensor of `step`, all at once, from where the machine stands. It stays there
-    /// if a sensor fails.
+    /// Takes `count` samples of each sensor of `step` at the same time, with the machine at rest. The machine
+    /// is held if a sensor fails.
     pub(super) async fn samples_at_rest(
         &self,
         step: &Step,
@@ -218,7 +219,7 @@ mod tests {
     fn a_ball_may_enter_the_range_of_a_sensor_but_not_leave_it() {
         let out_of_range = sample(None, Flag::Range);
         let accepts = accepts_entry([-1.0, 1.0]);
-        // At the far end of the range noise lets the distance come and go.
+        // At the far end of the range noise makes the distance appear and disappear.
         for entering in [out_of_range, distance(0.99), out_of_range, distance(0.7), distance(-0.9)]
         {
             assert!(accepts(&entering), "{entering:?}");

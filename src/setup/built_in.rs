@@ -1,18 +1,18 @@
-//! The machine files that are built in: one for each method.
+//! Built-in machine files, one for each method.
 
 use include_dir::{Dir, include_dir};
 
 static CONFIG: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/config");
 
-/// A machine file that serves a method when the user gives none.
+/// Machine file that is used for a method when the user gives none.
 #[derive(Debug, Clone)]
 pub struct BuiltIn {
-    /// Its name in error messages.
+    /// File name in error messages.
     pub file: String,
     pub text: &'static str,
 }
 
-/// The machine file for the method `name`; for a name that is not in the list, that of its first method.
+/// The machine file for the method `name`, or for the first method if the name is unknown.
 pub fn built_in(name: &str) -> BuiltIn {
     let method = methods::description(name).or(methods::METHODS.first());
     let file = method.map_or("", |method| method.machine_file);

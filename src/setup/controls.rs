@@ -1,4 +1,4 @@
-//! The list of controls.
+//! Registry of the controls.
 
 use std::sync::Arc;
 
@@ -9,10 +9,11 @@ use serde::{Deserialize, Deserializer};
 /// The kinds of all controls.
 pub const KINDS: [&str; 3] = [grbl::KIND, linuxcnc::KIND, modbus::KIND];
 
-/// The control of `kind` with the keys of its table. The list: a new control is one line here.
+/// Configuration of a control of `kind` from the keys of its table. This is the registry: a new control is one
+/// line here.
 ///
 /// # Errors
-/// An unknown kind, and whatever its table refuses (unknown keys, wrong types).
+/// An unknown kind, or a table with unknown keys or wrong types.
 pub fn configure<'de, D: Deserializer<'de>>(
     kind: &str,
     keys: D,

@@ -1,5 +1,4 @@
-//! Opens what the machine file names and puts it together. One simulated world is shared by
-//! everything that is simulated.
+//! Opens the devices of the machine file. All simulated devices share one simulated world.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -16,37 +15,38 @@ use planning::gcode::Dialect;
 use planning::proof::{ProvenModes, prove_modes};
 use simulator::World;
 
-/// The machine as a run needs it.
+/// The open devices of a machine, as a run needs them.
 pub struct Devices {
     pub controller: Controller,
-    /// What the machine can look with.
+    /// Displacement sensors of the machine.
     pub sensors: Sensors,
-    /// What each reading carries beside.
+    /// Thermometers whose temperatures each reading contains.
     pub thermometers: Thermometers,
-    /// The language the control is spoken to; every stage is rendered and read back before it moves.
+    /// Dialect of the control; every stage is rendered in it and read back before any motion.
     pub dialect: Dialect,
-    /// Used where the control does not stamp its readings.
+    /// Clock for readings that the control does not stamp.
     pub clock: Arc<dyn Clock>,
-    /// The simulated machine, if it is one.
+    /// The simulated world, if the machine is simulated.
     world: Option<Arc<Mutex<World>>>,
-    /// The other end of the wire, if this program serves it; dropped after the controller.
+    /// The simulated end of the wire, if this program serves it; dropped after the controller.
     _served: Option<Served>,
 }
 
 impl Devices {
-    /// A control that is open already, timed by the host's clock where it does not stamp.
+    /// Devices with a control that is open already; readings that it does not stamp are timed by the host's
+    /// clock.
     pub fn new(controller: Controller, dialect: Dialect) -> Self {
         Self::timed(controller, dialect, Arc::new(HostClock::start()))
     }
 
-    /// With the clock that the control was opened with.
+    /// Devices with the clock that the control was opened with.
     pub(super) fn timed(controller: Controller, dialect: Dialect, clock: Arc<dyn Clock>) -> Self {
         let sensors = Sensors::none(clock.clone());
         let thermometers = Thermometers::of(&[], None);
         Self { controller, sensors, thermometers, dialect, clock, world: None, _served: None }
     }
 
-    /// With what the machine file names; simulated ones see and feel `world`.
+    /// Adds the sensors and thermometers of the machine file; simulated ones measure in `world`.
     pub(super) fn of(self, file: &MachineFile, world: Option<Arc<Mutex<World>>>) -> Self {
         let thermometers = Thermometers::of(&file.thermometers, world.clone());
         let sensors = self.sensors.of(&file.sensors, file.encoder);
@@ -57,33 +57,33 @@ impl Devices {
         Self { sensors, thermometers, world, ..self }
     }
 
-    /// A person has mounted the artefact anew: of a simulated machine the one that stands there.
+    /// Mounts the artefact anew in the simulated world, as the operator has done.
     pub fn artefact_mounted(&self, mount: ArtefactMount) {
         if let Some(world) = &self.world {
             world.lock().unwrap_or_else(PoisonError::into_inner).mount(mount.turn_deg);
         }
     }
 
-    /// With the other end of its wire.
+    /// Adds the simulated end of the wire.
     pub(super) fn behind(self, served: Option<Served>) -> Self {
         Self { _served: served, ..self }
     }
 }
 
-/// What a run has seen of its machine in earlier sessions: a simulated one lives on from there.
+/// Readings and mountings of earlier sessions of a run; a simulated machine continues from them.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Past<'a> {
     pub readings: &'a [Reading],
-    /// How the artefact was mounted, one after the other.
+    /// Mountings of the artefact in their order.
     pub mounts: &'a [ArtefactMount],
-    /// Since the last of them.
+    /// Time since the last reading, s.
     pub elapsed_s: f64,
 }
 
-/// The text that sets the modes of `machine`'s control.
+/// Text that sets the modes of `machine`'s control.
 ///
 /// # Errors
-/// What cannot be written.
+/// The text cannot be rendered or proven.
 pub fn modes(
     dialect: &Dialect,
     machine: &Machine,
@@ -92,7 +92,7 @@ pub fn modes(
     Ok(prove_modes(dialect, &machine.name, machine.axes.keys().copied(), log.as_deref())?)
 }
 
-/// The language of the machine's control, with what the machine file adds to it.
+/// Dialect of the machine's control, with the additions of the machine file.
 pub fn dialect(file: &MachineFile) -> Result<Dialect, SetupError> {
     let named = Dialect::named(file.controller.control.dialect())?;
     Ok(named.with(&file.machine, &file.probe)?)

@@ -1,4 +1,4 @@
-//! What can go wrong before anything is opened or moved.
+//! Errors before any device is opened or moved.
 
 use super::machine_file::MachineFileError;
 use devices::controllers::ControllerError;
@@ -40,7 +40,7 @@ pub enum SetupError {
 }
 
 impl SetupError {
-    /// What to do next, where the message does not say it already.
+    /// What to do next, where the message does not contain it.
     pub fn remedy(&self) -> Option<String> {
         match self {
             Self::Link(error) => Some(error.remedy()),

@@ -1,4 +1,4 @@
-//! From a machine file to the parts of a run.
+//! Construction of a run's parts from a machine file.
 
 mod built_in;
 mod controls;
@@ -34,7 +34,7 @@ use machine::record::plan::{PLAN_VERSION, Plan};
 use methods::Method;
 pub use simulator::interpreter::Pace;
 
-/// The machine file at `path`; without one, the embedded simulated machine that suits the method.
+/// The machine file at `path`; without a path, the built-in simulated machine for the method.
 pub fn load(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError> {
     check_name(method)?;
     let file = match path {
@@ -45,8 +45,8 @@ pub fn load(path: Option<&Path>, method: &str) -> Result<MachineFile, SetupError
     Ok(file)
 }
 
-/// The method with its settings and what a person is asked before it, and the plan without steps.
-/// `repeat` overrides the number of passes.
+/// The method with its settings and prompts, and the plan without steps. `repeat` overrides the number of
+/// repeats.
 pub fn header(
     file: &MachineFile,
     name: &str,
@@ -71,7 +71,7 @@ pub fn header(
     Ok((methods::asking(method, asked), plan))
 }
 
-/// The machine and what stands in it, for `what` is to be done there.
+/// A plan without steps for the machine and its artefact; `what` is the name of the purpose.
 pub fn without_steps(file: &MachineFile, what: &str, settings: serde_json::Value) -> Plan {
     Plan {
         trued_plan: PLAN_VERSION,

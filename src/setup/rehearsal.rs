@@ -1,4 +1,4 @@
-//! The simulated machine of a file, and whoever stands beside it.
+//! The simulated machine of a file, and its simulated operator.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -18,10 +18,10 @@ pub struct Rehearsal<'a> {
 }
 
 impl<'a> Rehearsal<'a> {
-    /// The simulated machine of `file`; of a file with a real control, a simulated one in its place.
+    /// The simulated machine of `file`; a real control is replaced by a simulated one.
     ///
     /// # Errors
-    /// A world that cannot be built.
+    /// The simulated world cannot be built.
     pub fn of(file: &'a MachineFile) -> Result<Self, SetupError> {
         let control = match &file.controller.control {
             Control::Simulated(simulated) => simulated.clone(),
@@ -30,7 +30,7 @@ impl<'a> Rehearsal<'a> {
         Ok(Self { file, control, world: Arc::new(Mutex::new(world(file)?)) })
     }
 
-    /// Later than it was, as a run has seen it.
+    /// Advances the world to the time after `past`, with its mountings.
     pub(super) fn after(&self, past: Past<'_>) {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         past.mounts.iter().for_each(|mount| world.mount(mount.turn_deg));
@@ -47,18 +47,18 @@ impl<'a> Rehearsal<'a> {
         Ok(Devices::new(controller, dialect).of(self.file, world).behind(served))
     }
 
-    /// Serve it to whoever opens its wire, until dropped. Call inside a tokio runtime.
+    /// Serves the simulated control on its wire until dropped. Call inside a tokio runtime.
     ///
     /// # Errors
-    /// What opening says.
+    /// The wire cannot be opened.
     pub fn serve(&self, pace: Pace) -> Result<Served, SetupError> {
         Ok(self.control.serve(self.bench(pace)?)?)
     }
 
-    /// As [`Self::serve`], behind a bad wire; `tell` hears what it does, and when.
+    /// As [`Self::serve`], with a faulty wire; `tell` is called with each fault and its time.
     ///
     /// # Errors
-    /// What opening says.
+    /// The wire cannot be opened.
     pub fn serve_badly(
         &self,
         pace: Pace,
@@ -68,13 +68,13 @@ impl<'a> Rehearsal<'a> {
         Ok(self.control.serve_badly(self.bench(pace)?, wire, tell)?)
     }
 
-    /// Somebody has taken the probe out of the spindle: a sensor sits there.
+    /// Replaces the probe in the spindle by a sensor.
     pub fn without_probe(&self) {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         world.without_probe(true);
     }
 
-    /// Somebody who sees how it truly moves.
+    /// The simulated operator, who observes the true motion.
     pub fn bystander(&self) -> Bystander {
         Bystander::new(self.world.clone())
     }

@@ -1,4 +1,4 @@
-//! The sensors of a machine, opened when a run looks with them.
+//! Sensors of a machine, opened when a run needs them.
 
 use std::ops::Deref;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -11,11 +11,11 @@ use link::clock::HostClock;
 use link::{Clock, SharedPorts, Talk, Wiring};
 use simulator::World;
 
-/// The sensor `name` alone: its machine is not opened. A simulated one sees what it would before anything
-/// has moved. Call inside a tokio runtime.
+/// Opens the sensor `name` alone, without its machine. A simulated sensor measures the world before any motion.
+/// Call inside a tokio runtime.
 ///
 /// # Errors
-/// There is none of this name; a simulated world that cannot be built; what opening says.
+/// There is no sensor of this name, the simulated world cannot be built, or the sensor cannot be opened.
 pub async fn sensor(file: &MachineFile, name: &str) -> Result<Mounted, SetupError> {
     let alone = Sensors::none(Arc::new(HostClock::start())).of(&file.sensors, file.encoder);
     let simulated = |entry: &&SensorEntry| matches!(entry.reached, Reached::Simulated(_));
@@ -27,20 +27,20 @@ pub async fn sensor(file: &MachineFile, name: &str) -> Result<Mounted, SetupErro
     Ok(sensors.open(name).await?)
 }
 
-/// What the machine file names, and what simulated ones look at.
+/// Sensors of the machine file, and the world that simulated sensors measure.
 pub struct Sensors {
     entries: Vec<SensorEntry>,
     encoder: Option<Encoder>,
     clock: Arc<dyn Clock>,
     world: Option<Arc<Mutex<World>>>,
-    /// That of the control: sensors are opened when a run looks with them.
+    /// Wiring of the control, also for sensors, which are opened later.
     wiring: Wiring,
-    /// Several sensors may be on one port.
+    /// Ports that several sensors may share.
     ports: SharedPorts,
 }
 
 impl Sensors {
-    /// None.
+    /// No sensors.
     pub(super) fn none(clock: Arc<dyn Clock>) -> Self {
         let (entries, ports) = (Vec::new(), SharedPorts::default());
         Self { entries, encoder: None, clock, world: None, wiring: Wiring::current(), ports }
@@ -50,22 +50,22 @@ impl Sensors {
         Self { entries: entries.to_vec(), encoder, ..self }
     }
 
-    /// All of them simulated, looking at the simulated machine.
+    /// Sets the simulated world that simulated sensors measure.
     pub(super) fn looking_at(self, world: Arc<Mutex<World>>) -> Self {
         Self { world: Some(world), ..self }
     }
 
-    /// What the counts that the samples of the sensor `name` carry mean; `None`: they carry none.
+    /// Meaning of the counts in the samples of the sensor `name`; `None`: they contain no counts.
     pub fn encoder_scale(&self, name: &str) -> Option<EncoderScale> {
         let entry = self.entries.iter().find(|entry| entry.sensor.name == name)?;
         Some(EncoderScale { encoder: self.encoder?, round: entry.reached.encoder_round()? })
     }
 
-    /// Open the one of this name. One in the spindle is there in place of the probe until dropped. Call
-    /// inside a tokio runtime.
+    /// Opens the sensor of this name. A sensor in the spindle replaces the probe until dropped. Call inside a
+    /// tokio runtime.
     ///
     /// # Errors
-    /// There is none; what opening says.
+    /// There is no such sensor, or it cannot be opened.
     pub async fn open(&self, name: &str) -> Result<Mounted, SensorError> {
         let sensor = self.opened(name).await?;
         let named = self.entries.iter().find(|entry| entry.sensor.name == name);
@@ -98,15 +98,15 @@ impl Sensors {
     }
 }
 
-/// What a count of the rotary encoder means.
+/// Scale of a rotary encoder's counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EncoderScale {
     pub encoder: Encoder,
-    /// After so many counts the count begins anew.
+    /// Number of counts after which the count wraps.
     pub round: u64,
 }
 
-/// A sensor that a run looks with.
+/// An open sensor of a run.
 pub struct Mounted {
     sensor: Sensor,
     world: Option<Arc<Mutex<World>>>,
@@ -136,7 +136,7 @@ fn view(world: &Arc<Mutex<World>>) -> View {
     View { world: world.clone(), clock: Arc::new(WorldClock(world.clone())) }
 }
 
-/// Simulated time.
+/// Clock of simulated time.
 struct WorldClock(Arc<Mutex<World>>);
 
 impl Clock for WorldClock {

@@ -1,4 +1,5 @@
-//! Several sensors on one port: which the machine file refuses, and the others over a pseudo-terminal.
+//! Several sensors on one port: combinations that the machine file refuses, and the others over a
+//! pseudo-terminal.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -17,7 +18,7 @@ use machine::record::reading::Flag;
 use simulator::Sensed;
 use simulator::sensors::modbus::{DATA_SHEET, Measures, serve_on_tcp};
 
-/// A sensor; `reached` is the table that states how it is reached.
+/// A sensor entry; `reached` is the table of its interface.
 fn entry(name: &str, reached: &str) -> SensorEntry {
     let keys = "zero_mm = [0, 0, 0]\ndirection = [1, 0, 0]\nrange_mm = [-1, 1]\n";
     toml::from_str(&format!("name = \"{name}\"\n{keys}{reached}")).unwrap()
@@ -55,7 +56,7 @@ async fn columns_of_one_serial_port_are_sensors_of_their_own() {
     x1.prepare().await.unwrap();
     let y1 = sensors.open("y1").await.unwrap();
     y1.prepare().await.unwrap();
-    // The drivers hold the pseudo-terminal now.
+    // The drivers hold the pseudo-terminal open now.
     drop(client_side);
     let (of_x1, of_y1) = tokio::join!(x1.take(20), y1.take(20));
     assert_eq!(values(&of_x1.unwrap()), [0.0123; 20]);
@@ -65,12 +66,12 @@ async fn columns_of_one_serial_port_are_sensors_of_their_own() {
         assert_eq!(tally.missing, 0, "{}", sensor.name());
         sensor.watch(|sample| sample.flag == Flag::None, || ()).await.unwrap();
     }
-    // One of them is closed: the other one goes on.
+    // After one sensor is closed, the other continues.
     drop(y1);
     assert_eq!(x1.take(3).await.unwrap().len(), 3);
     let y1 = sensors.open("y1").await.unwrap();
     assert_eq!(values(&y1.take(3).await.unwrap()), [-0.0040; 3]);
-    // The port is lost while both are watched: each holds the machine and reports it.
+    // The port is lost while both sensors are watched: each holds the machine and reports the loss.
     let (hold, mut held) = mpsc::unbounded_channel();
     for sensor in [&x1, &y1] {
         let (hold, name) = (hold.clone(), sensor.name().to_owned());
@@ -110,7 +111,7 @@ async fn sensors_that_answer_requests_take_turns_on_one_port() {
     addressed.abort();
 }
 
-/// Register 0 of unit 1 holds 123, that of unit 2 -40.
+/// Register 0 of unit 1 contains 123, that of unit 2 contains -40.
 const READ_UNIT_1: [u8; 8] = [0x01, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xCA];
 const READ_UNIT_2: [u8; 8] = [0x02, 0x04, 0x00, 0x00, 0x00, 0x01, 0x31, 0xF9];
 const REPLY_OF_UNIT_1: [u8; 7] = [0x01, 0x04, 0x02, 0x00, 0x7B, 0xF9, 0x13];
@@ -130,7 +131,7 @@ async fn units_of_one_modbus_line_are_sensors_of_their_own() {
         for count in 0_u32.. {
             device.read_exact(&mut request).await.unwrap();
             match request {
-                // A late reply of unit 2 comes ahead of that of unit 1.
+                // A late reply of unit 2 arrives before the reply of unit 1.
                 READ_UNIT_1 if owed > 0 => {
                     owed -= 1;
                     device.write_all(&REPLY_OF_UNIT_2).await.unwrap();
@@ -167,7 +168,7 @@ async fn sensors_of_one_modbus_tcp_server_have_connections_of_their_own() {
     }
 }
 
-/// What a machine file says whose sensors `a` and `b` are reached by these two tables.
+/// Result for a machine file whose sensors `a` and `b` have these two interface tables.
 fn read(of_a: &str, of_b: &str) -> Result<MachineFile, String> {
     let simulated = "simulated = { rate_hz = 1000.0 }";
     let text = include_str!("../../config/r-test.toml");
@@ -207,7 +208,7 @@ fn sensors_of_one_port_must_agree_on_its_keys() {
     assert!(error.contains("`baud` is 19200 here and 9600 there"), "{error}");
     let error = read(a, &modbus(9600, 2)).unwrap_err();
     assert!(error.contains("its table is [sensor.modbus] here and [sensor.serial]"), "{error}");
-    // Another port is another matter.
+    // Sensors on different ports need not agree.
     read(a, &modbus(9600, 2).replace("ttyS7", "ttyS8")).unwrap();
 }
 

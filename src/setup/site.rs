@@ -1,5 +1,5 @@
-//! The machine of one file, to be opened as often as it takes: what is simulated of it is one world
-//! that goes on meanwhile.
+//! The machine of one file, which can be opened repeatedly. Its simulated parts share one world that persists
+//! between the openings.
 
 use std::sync::Arc;
 
@@ -21,10 +21,10 @@ enum Behind<'a> {
 }
 
 impl<'a> Site<'a> {
-    /// Nothing is opened yet.
+    /// A site with nothing open.
     ///
     /// # Errors
-    /// A simulated world that cannot be built.
+    /// The simulated world cannot be built.
     pub fn new(file: &'a MachineFile) -> Result<Self, SetupError> {
         let machine = match &file.controller.control {
             Control::Simulated(_) => Behind::Simulated(Rehearsal::of(file)?),
@@ -33,7 +33,7 @@ impl<'a> Site<'a> {
         Ok(Self { file, machine })
     }
 
-    /// Later than it was, as a run has seen it.
+    /// Advances a simulated machine to the time after `past`.
     pub(super) fn after(self, past: Past<'_>) -> Self {
         if let Behind::Simulated(rehearsal) = &self.machine {
             rehearsal.after(past);
@@ -41,11 +41,11 @@ impl<'a> Site<'a> {
         self
     }
 
-    /// Open the machine's control. Call inside a tokio runtime. A simulated one was switched off and
-    /// on meanwhile; its axes stay where they are.
+    /// Opens the machine's control. Call inside a tokio runtime. A simulated control is switched off and on
+    /// between two openings; its axes keep their positions.
     ///
     /// # Errors
-    /// What the dialect or opening says.
+    /// The dialect is invalid, or the control cannot be opened.
     pub async fn open(&self, pace: Pace) -> Result<Devices, SetupError> {
         let dialect = dialect(self.file)?;
         match &self.machine {
@@ -61,7 +61,7 @@ impl<'a> Site<'a> {
         }
     }
 
-    /// Somebody beside the simulated machine; `None` beside a real one.
+    /// The simulated operator of a simulated machine; `None` for a real one.
     pub fn bystander(&self) -> Option<Bystander> {
         match &self.machine {
             Behind::Simulated(rehearsal) => Some(rehearsal.bystander()),
@@ -70,7 +70,7 @@ impl<'a> Site<'a> {
     }
 }
 
-/// Open the machine's control. Call inside a tokio runtime.
+/// Opens the devices of `file`. Call inside a tokio runtime.
 pub async fn devices(
     file: &MachineFile,
     pace: Pace,

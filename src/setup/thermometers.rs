@@ -1,4 +1,4 @@
-//! The thermometers of a machine, read while a run measures.
+//! Thermometers of a machine, read while a run measures.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -6,25 +6,25 @@ use devices::sensors::thermometer::{self, Entry, Feel, ThermometerError, Watch};
 use link::Wiring;
 use simulator::World;
 
-/// What the machine file names, and what simulated ones feel.
+/// Thermometers of the machine file, and the world that simulated ones measure.
 pub struct Thermometers {
     entries: Vec<Entry>,
     world: Option<Arc<Mutex<World>>>,
 }
 
 impl Thermometers {
-    /// None where a capture answers instead of the machine: what they said is not in it.
+    /// No thermometers during the replay of a capture, which does not contain their values.
     pub(super) fn of(entries: &[Entry], world: Option<Arc<Mutex<World>>>) -> Self {
         let there = !Wiring::current().is_replayed();
         Self { entries: entries.iter().filter(|_| there).cloned().collect(), world }
     }
 
-    /// Read all of them until what this gives is dropped. Call inside a tokio runtime.
+    /// Reads all thermometers until the returned value is dropped. Call inside a tokio runtime.
     pub fn watch(&self) -> Watch {
         Watch::of(&self.entries, |name| self.feel(name))
     }
 
-    /// Ask each once.
+    /// Reads each thermometer once.
     pub async fn once(&self) -> Vec<(&Entry, Result<f64, ThermometerError>)> {
         thermometer::once(&self.entries, |name| self.feel(name)).await
     }

@@ -1,9 +1,9 @@
-//! The simulated world of a machine file.
+//! Simulated world of a machine file.
 
 use super::{MachineFile, SetupError};
 use simulator::{Truth, World};
 
-/// The simulated truth of a machine file.
+/// The world built from the simulated truth of a machine file.
 pub fn world(file: &MachineFile) -> Result<World, SetupError> {
     let truth: Truth = file.simulated()?.unwrap_or_default();
     let sensors: Vec<_> = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();

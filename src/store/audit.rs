@@ -1,4 +1,4 @@
-//! Who asked the service for what, and what came of it.
+//! Audit log: requests to the service and their outcomes.
 
 use jiff::Timestamp;
 use rusqlite::{Connection, params};
@@ -6,19 +6,19 @@ use serde::Serialize;
 
 use super::{Fault, Journal, Pending, StoreError, columns};
 
-/// A call that changes something.
+/// A request that changes something.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Audit {
     pub who: String,
     pub what: String,
     pub why: String,
     pub machine: String,
-    /// The run that was on, 0 for none.
+    /// Number of the run in progress, 0 for none.
     pub run: i64,
     pub outcome: String,
 }
 
-/// One that stands in the journal; `seq` counts up.
+/// An entry of the audit log; `seq` counts up.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Audited {
     pub seq: i64,
@@ -28,14 +28,14 @@ pub struct Audited {
 }
 
 impl Journal {
-    /// Add it for good.
+    /// Adds an entry that is never changed or removed.
     pub fn audit(&self, audit: &Audit) -> Pending<()> {
         let audit = audit.clone();
         self.submit(move |connection| add(connection, &audit))
     }
 
-    /// Newest first, `most` of them, of those before `before` if there is one. What is not asked
-    /// for is not read: there are years of them.
+    /// At most `most` entries, newest first; with `before`, only entries older than that one. Only these rows
+    /// are read, as the log covers years.
     ///
     /// # Errors
     /// The journal cannot be read.

@@ -1,5 +1,5 @@
-//! A copy of the journal, taken while it is written: one file, whole as of one instant, verified before it gets its
-//! name.
+//! Backup of the journal while it is in use: one consistent file, as of one instant, verified before it gets
+//! its name.
 
 use std::path::Path;
 
@@ -8,19 +8,19 @@ use rusqlite::Connection;
 use super::folder::JOURNAL;
 use super::{Fault, RunId, StoreError, checksum, connection, identity, read, snapshot};
 
-/// What a copy holds.
+/// Content of a backup.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Copied {
     pub newest: Option<RunId>,
-    /// Those of a journal that only older versions have opened have none: SQLite's own check of the file is all
-    /// that was verified.
+    /// Whether the journal's rows have checksums. A journal that only older versions have opened has none; then
+    /// only SQLite's integrity check was made.
     pub has_checksums: bool,
 }
 
-/// Copy the journal in `dir` to `file`, which must not be there yet; whoever writes goes on writing.
+/// Copies the journal in `dir` to `file`, which must not exist. Writers are not blocked.
 ///
 /// # Errors
-/// There is no journal, or no room; `file` exists; the journal is foreign or damaged.
+/// There is no journal, the disk is full, `file` exists, or the journal is foreign or damaged.
 pub fn backup(dir: &Path, file: &Path) -> Result<Copied, StoreError> {
     let journal = dir.join(JOURNAL);
     if !journal.is_file() {
@@ -41,7 +41,7 @@ pub fn backup(dir: &Path, file: &Path) -> Result<Copied, StoreError> {
     };
     match snapshot::keep(&source, file, verified) {
         Ok(newest) => Ok(Copied { newest, has_checksums }),
-        // The copy is removed: it was damaged before.
+        // The copy is removed: the journal was damaged before.
         Err(fault @ Fault::Damaged(_)) => Err(StoreError::at(&journal)(fault)),
         Err(fault) => Err(StoreError::at(file)(fault)),
     }

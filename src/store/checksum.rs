@@ -1,10 +1,10 @@
-//! The checksum of each row: CRC-32C over the row's other columns, in their order. Of a value: its type as one byte
-//! (0 NULL, 1 integer, 2 real, 3 text, 4 blob), then eight bytes of an integer or a real (IEEE 754), little-endian,
-//! or the length in eight bytes and the bytes of a text or a blob.
+//! Checksum of each row: CRC-32C over the row's other columns, in their order. Each value contributes its type
+//! as one byte (0 NULL, 1 integer, 2 real, 3 text, 4 blob), followed by the eight bytes of an integer or a real
+//! (IEEE 754), little-endian, or by the length in eight bytes and the bytes of a text or a blob.
 //!
-//! SQL triggers of the writing connection compute it, from the row as it is stored, for each row that is inserted
-//! or changed. The triggers are temporary: other programs can read and write the file, and what they change has a
-//! wrong checksum.
+//! SQL triggers of the writing connection compute it from the stored row, for each row that is inserted or
+//! changed. The triggers are temporary: other programs can read and write the file, but rows that they change
+//! have a wrong checksum.
 
 use crc::{CRC_32_ISCSI, Crc, Table};
 use rusqlite::Connection;
@@ -15,13 +15,14 @@ use super::{Fault, RunId};
 
 static CRC_32C: Crc<u32, Table<16>> = Crc::<u32, Table<16>>::new(&CRC_32_ISCSI);
 
-/// Tables of what is planned, measured and found in a run: large. Their column `run` names the run.
+/// Large tables with the plan, the readings and the results of runs. Their column `run` contains the number of
+/// the run.
 const OF_A_RUN: [&str; 6] = ["steps", "stages", "readings", "events", "estimates", "signatures"];
 
 /// A table whose rows have a checksum.
 struct SealedTable {
     name: String,
-    /// The names of its other columns, in their order, separated by commas.
+    /// Names of the other columns, in their order, separated by commas.
     columns: String,
 }
 
@@ -31,7 +32,7 @@ impl SealedTable {
     }
 }
 
-/// Makes the SQL function `row_checksum` known to `connection`.
+/// Adds the SQL function `row_checksum` to `connection`.
 pub(super) fn add_function(connection: &Connection) -> Result<(), Fault> {
     let flags = FunctionFlags::SQLITE_UTF8 | FunctionFlags::SQLITE_DETERMINISTIC;
     Ok(connection.create_scalar_function("row_checksum", -1, flags, |row| Ok(of_values(row)))?)
@@ -55,9 +56,9 @@ fn of_values(values: &Context<'_>) -> [u8; 4] {
     digest.finalize().to_be_bytes()
 }
 
-/// From here on `connection` gives each row that it inserts or changes its checksum.
+/// Adds triggers to `connection` that set the checksum of each row that it inserts or changes.
 pub(super) fn add_triggers(connection: &Connection) -> Result<(), Fault> {
-    // They need no file of their own.
+    // Without this setting, temporary triggers would need a file of their own.
     connection.pragma_update(None, "temp_store", "MEMORY")?;
     for table in sealed_tables(connection)? {
         let SealedTable { name, columns } = &table;
@@ -73,7 +74,7 @@ pub(super) fn add_triggers(connection: &Connection) -> Result<(), Fault> {
     Ok(())
 }
 
-/// Gives every row its checksum, whatever it holds.
+/// Sets the checksum of every row, whatever the row contains.
 pub(super) fn compute_all(connection: &Connection) -> Result<(), Fault> {
     for table in sealed_tables(connection)? {
         let set = format!("UPDATE {} SET checksum = {}", table.name, table.expected());
@@ -82,17 +83,17 @@ pub(super) fn compute_all(connection: &Connection) -> Result<(), Fault> {
     Ok(())
 }
 
-/// All rows of the journal.
+/// Verifies all rows of the journal.
 pub(super) fn verify_all(connection: &Connection) -> Result<(), Fault> {
     verify(connection, |_| Some("true".to_owned()))
 }
 
-/// The heads of runs, and what belongs to no run: the audit log, armings and schedules.
+/// Verifies the heads of runs and the rows that belong to no run: audit log, armings and schedules.
 pub(super) fn verify_heads(connection: &Connection) -> Result<(), Fault> {
     verify(connection, |table| (!OF_A_RUN.contains(&table)).then(|| "true".to_owned()))
 }
 
-/// All rows of `run`.
+/// Verifies all rows of `run`.
 pub(super) fn verify_run(connection: &Connection, run: RunId) -> Result<(), Fault> {
     verify(connection, |table| match table {
         "runs" => Some(format!("id = {run}")),
@@ -100,13 +101,13 @@ pub(super) fn verify_run(connection: &Connection, run: RunId) -> Result<(), Faul
     })
 }
 
-/// The estimates of `runs`.
+/// Verifies the estimates of `runs`.
 pub(super) fn verify_estimates(connection: &Connection, runs: &[i64]) -> Result<(), Fault> {
     let runs = runs.iter().map(i64::to_string).collect::<Vec<_>>().join(", ");
     verify(connection, |table| (table == "estimates").then(|| format!("run IN ({runs})")))
 }
 
-/// `rows`: for the name of a table the SQL condition of the rows to verify, `None` for no row of it.
+/// Verifies rows. `rows` returns the SQL condition of the rows of a table, or `None` for no row.
 fn verify(connection: &Connection, rows: impl Fn(&str) -> Option<String>) -> Result<(), Fault> {
     for table in sealed_tables(connection)? {
         let Some(rows) = rows(&table.name) else { continue };

@@ -1,4 +1,4 @@
-//! Values as the journal's columns hold them, and back: JSON, times, numbers.
+//! Conversion of values to and from the journal's columns: JSON, times, numbers.
 
 use std::str::FromStr;
 
@@ -15,7 +15,7 @@ pub(super) fn now() -> String {
     Timestamp::now().to_string()
 }
 
-/// JSON that can be read back: a number that is not finite becomes `null`, which no number reads.
+/// JSON that can be read back. A number that is not finite becomes `null`, which cannot be read as a number.
 pub(super) fn to_json<T: Serialize + DeserializeOwned>(
     what: &str,
     value: &T,
@@ -26,13 +26,13 @@ pub(super) fn to_json<T: Serialize + DeserializeOwned>(
     Ok(text)
 }
 
-/// Whether all numbers of `reading` can be kept: SQLite would keep a NaN as NULL.
+/// Whether all numbers of `reading` are finite: SQLite would store a NaN as NULL.
 pub(super) fn is_finite(reading: &Reading) -> bool {
     let numbers = reading.position.iter().map(|(_, value)| value).chain(reading.value_mm);
     numbers.chain([reading.t_s]).all(f64::is_finite)
 }
 
-/// What `select` finds of a run, in the order of its rows.
+/// Rows of `run` that `select` returns, in their order.
 pub(super) fn rows<T>(
     connection: &Connection,
     select: &str,

@@ -1,4 +1,4 @@
-//! How the journal's file is opened. A file that is refused stays as it is, byte for byte.
+//! Opening the journal's file. A file that is refused is not changed.
 
 use std::fs;
 use std::path::Path;
@@ -10,19 +10,19 @@ use rusqlite::{Connection, OpenFlags};
 
 use super::{Fault, checksum, identity, migration, schema};
 
-/// How long a writer waits for another process that writes.
+/// Maximum wait of a writer for another process that writes.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// How long a process that brings an older journal up to date waits for others to close it.
+/// Maximum wait of a process that migrates an older journal until other processes have closed it.
 const PATIENCE_FOR_OTHERS: Duration = Duration::from_secs(1);
 const RETRY: Duration = Duration::from_millis(5);
 
-/// The writing connection: write-ahead log, synced at every commit, foreign keys, tables as known.
+/// The writing connection: write-ahead log, synced at every commit, foreign keys, current tables.
 pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
     let mut connection = patiently(PATIENCE_FOR_OTHERS, || open_sound(path))?;
     connection.pragma_update(None, "synchronous", "FULL")?;
-    // Half a megabyte: a journal grows for years, and what holds its pages should not.
+    // Half a megabyte: a journal grows for years, its page cache should not.
     connection.pragma_update(None, "cache_size", -512)?;
-    // Off while tables are made anew: what refers to one stays as it is.
+    // Off while tables are replaced, so that references to them stay unchanged.
     connection.pragma_update(None, "foreign_keys", false)?;
     migration::migrate(&mut connection, path)?;
     connection.pragma_update(None, "foreign_keys", true)?;
@@ -34,8 +34,8 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
     Ok(connection)
 }
 
-/// A connection to a journal that is accepted. Of an older one it is the only connection: a process of an older
-/// version would write rows without checksums into the new tables.
+/// A connection to an accepted journal. For an older journal it must be the only connection: a process of an
+/// older version would write rows without checksums into the new tables.
 fn open_sound(path: &Path) -> Result<Connection, Fault> {
     let (connection, format) = open_unchanged(path, OpenFlags::default())?;
     if format >= identity::FIRST_MARKED {
@@ -43,21 +43,21 @@ fn open_sound(path: &Path) -> Result<Connection, Fault> {
     }
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, false)?;
     if format < schema::KNOWN {
-        // SQLite leaves the write-ahead log only where no other connection is open.
+        // SQLite leaves the write-ahead log only if no other connection is open.
         journal_mode(&connection, "DELETE")?;
     }
     Ok(connection)
 }
 
-/// A connection that changes nothing, to a journal that no connection of this process may have open. Also answers
-/// with its format.
+/// Opens an existing journal without changing it; no other connection of this process may have it open. Also
+/// returns the journal's format.
 ///
-/// It may write: SQLite leaves files beside the journal if the last connection may only read.
+/// The connection may write: SQLite leaves files beside the journal if the last connection is read-only.
 pub(super) fn open_source(path: &Path) -> Result<(Connection, i64), Fault> {
     open_unchanged(path, OpenFlags::default() & !OpenFlags::SQLITE_OPEN_CREATE)
 }
 
-/// A reading connection, for one query, while a writing connection is open.
+/// A read-only connection for one query while a writing connection is open.
 pub(super) fn open_reader(path: &Path) -> Result<Connection, Fault> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags)?;
@@ -66,8 +66,8 @@ pub(super) fn open_reader(path: &Path) -> Result<Connection, Fault> {
     Ok(connection)
 }
 
-/// A connection to a journal, or to an empty file, and the format. SQLite would write a log that a killed process
-/// has left into the database when the connection is closed: not before the file is accepted.
+/// Opens a journal or an empty file, and returns its format. When the connection is closed, SQLite would copy
+/// the log of a killed process into the database; this is disabled until the file is accepted.
 fn open_unchanged(path: &Path, flags: OpenFlags) -> Result<(Connection, i64), Fault> {
     let mut log = path.as_os_str().to_owned();
     log.push("-wal");
@@ -84,8 +84,8 @@ fn journal_mode(connection: &Connection, mode: &str) -> Result<String, Fault> {
     Ok(connection.pragma_update_and_check(None, "journal_mode", mode, |row| row.get(0))?)
 }
 
-/// Tries again where SQLite reports a file as busy without waiting for `busy_timeout`: two connections switch the
-/// journal mode at once.
+/// Retries while SQLite reports the file as busy without waiting for `busy_timeout`, which happens when two
+/// connections switch the journal mode at once.
 fn patiently<T>(patience: Duration, attempt: impl Fn() -> Result<T, Fault>) -> Result<T, Fault> {
     let until = Instant::now() + patience;
     loop {

@@ -1,4 +1,4 @@
-//! What can go wrong with the journal, and what a person should do next.
+//! Errors of the journal and their remedies.
 
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
@@ -8,10 +8,10 @@ use rusqlite::ffi::{SQLITE_CONSTRAINT_FOREIGNKEY, SQLITE_CONSTRAINT_UNIQUE};
 
 use super::RunId;
 
-/// `errno` of a disk that fails, the same on every Linux.
+/// `errno` of a failing disk, the same on every Linux.
 const EIO: i32 = 5;
 
-/// A fault with the journal it concerns. Whatever was acknowledged before stays.
+/// A fault and the journal that it concerns. Acknowledged data stays.
 #[derive(Debug, thiserror::Error)]
 #[error("journal {}: {fault}", path.display())]
 pub struct StoreError {
@@ -61,7 +61,7 @@ impl StoreError {
         move |fault| StoreError { path: path.to_owned(), fault }
     }
 
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> &'static str {
         match &self.fault {
             Fault::Full => {
@@ -91,7 +91,7 @@ impl StoreError {
 }
 
 impl Fault {
-    /// The same, where a broken uniqueness can only mean that this touch is there already.
+    /// Converts an error; a violated uniqueness constraint can only mean that this touch exists already.
     pub(super) fn of_reading(
         run: RunId,
         step: u32,
@@ -107,7 +107,7 @@ impl Fault {
         }
     }
 
-    /// The same, where a broken foreign key can only mean that `run` does not exist.
+    /// Converts an error; a violated foreign key can only mean that `run` does not exist.
     pub(super) fn of_run(run: RunId) -> impl Fn(rusqlite::Error) -> Fault {
         move |error| match &error {
             rusqlite::Error::SqliteFailure(code, _)
@@ -124,7 +124,7 @@ impl From<io::Error> for Fault {
     fn from(error: io::Error) -> Self {
         match error.kind() {
             ErrorKind::StorageFull => Fault::Full,
-            // EIO has no kind of its own.
+            // EIO has no `ErrorKind`.
             _ if error.raw_os_error() == Some(EIO) => Fault::Disk(error.to_string()),
             _ => Fault::Io(error),
         }

@@ -1,14 +1,14 @@
-//! Folders whose names are on the disk: a file that is synced is lost all the same if the folder it
-//! stands in has no name after a cut of the power.
+//! Directories with durable names: after a power cut, a synced file is lost if the name of its directory is not
+//! on the disk.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind};
 use std::path::Path;
 
-/// The journal's file in the state directory.
+/// File name of the journal in the state directory.
 pub(super) const JOURNAL: &str = "journal.sqlite";
 
-/// Make `dir` and its parents, as far as they are missing.
+/// Creates `dir` and its missing parents.
 pub(super) fn make(dir: &Path) -> io::Result<()> {
     let parent = dir.parent().filter(|parent| !parent.as_os_str().is_empty());
     let parent = parent.unwrap_or(Path::new("."));
@@ -17,19 +17,19 @@ pub(super) fn make(dir: &Path) -> io::Result<()> {
             make(parent)?;
         }
         match fs::create_dir(dir) {
-            // Another process was faster.
+            // Another process has created it.
             Err(error) if error.kind() == ErrorKind::AlreadyExists && dir.is_dir() => {}
             made => made?,
         }
     }
     match sync(parent) {
-        // Not ours, and neither are the names in it.
+        // A directory of another user; its names are not our responsibility.
         Err(error) if error.kind() == ErrorKind::PermissionDenied => Ok(()),
         synced => synced,
     }
 }
 
-/// Put the names in `dir` on the disk.
+/// Syncs the names in `dir` to the disk.
 pub(super) fn sync(dir: &Path) -> io::Result<()> {
     File::open(dir)?.sync_all()
 }

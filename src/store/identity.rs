@@ -1,4 +1,4 @@
-//! Whether a file is a journal of this program, and of which format.
+//! Whether a file is a journal of this program, and in which format.
 
 use std::collections::BTreeSet;
 
@@ -6,17 +6,17 @@ use rusqlite::Connection;
 
 use super::{Fault, schema};
 
-/// `PRAGMA application_id` of a journal, in the head of its file: "trud" in ASCII.
+/// `PRAGMA application_id` of a journal, in the header of its file: "trud" in ASCII.
 const APPLICATION_ID: i32 = i32::from_be_bytes(*b"trud");
-/// The first format that has it. Older journals are recognised by their tables.
+/// First format with the application ID. Older journals are recognised by their tables.
 pub(super) const FIRST_MARKED: i64 = 8;
 
-/// The format of the journal that `connection` has open, 0 for an empty file. Only reads.
+/// Format of the journal that is open in `connection`, 0 for an empty file. Only reads.
 ///
 /// # Errors
-/// [`Fault::Foreign`], [`Fault::Newer`], or [`Fault::Damaged`] where a journal lacks a table or a column.
+/// [`Fault::Foreign`], [`Fault::Newer`], or [`Fault::Damaged`] if a journal lacks a table or a column.
 pub(super) fn identify(connection: &Connection) -> Result<i64, Fault> {
-    // One instant: another process may be making the tables.
+    // One transaction, as another process may be creating the tables.
     let snapshot = connection.unchecked_transaction()?;
     let mark: i32 = snapshot.pragma_query_value(None, "application_id", |row| row.get(0))?;
     let format = schema::version(&snapshot)?;

@@ -1,5 +1,5 @@
-//! The journal: one thread writes, one job after the other; whoever asked gets the answer after
-//! the commit is on the disk. Readers look through connections of their own and never wait.
+//! The journal. One thread writes, one job after the other; the caller gets the answer after the commit is on
+//! the disk. Readers use connections of their own and never wait for the writer.
 
 use std::future::Future;
 use std::path::{Path, PathBuf};
@@ -25,15 +25,15 @@ use machine::record::reading::Reading;
 
 type Job = Box<dyn FnOnce(&mut Connection) + Send>;
 
-/// The journal of one state directory. Dropping it first ends what was asked for.
+/// The journal of one state directory. Dropping it first completes all submitted jobs.
 pub struct Journal {
     path: PathBuf,
     jobs: Option<mpsc::Sender<Job>>,
     writer: Option<JoinHandle<()>>,
 }
 
-/// An answer that comes once the work is durable (or has failed): `.await` it in async code,
-/// [`Pending::wait`] elsewhere. The work is done even if nobody waits.
+/// Result of a job, available once the job is durable or has failed: `.await` it in async code, use
+/// [`Pending::wait`] elsewhere. The job runs even if the `Pending` is dropped.
 #[must_use = "nothing is known to be durable before the answer is here"]
 pub struct Pending<T> {
     path: PathBuf,
@@ -41,7 +41,7 @@ pub struct Pending<T> {
 }
 
 impl<T> Pending<T> {
-    /// Block this thread until the answer is here. Not for async code: there, await it.
+    /// Blocks this thread until the result is available. Async code must use `.await` instead.
     pub fn wait(self) -> Result<T, StoreError> {
         let answer = self.answer.blocking_recv();
         answer.unwrap_or(Err(Fault::WriterGone)).map_err(StoreError::at(&self.path))
@@ -60,19 +60,19 @@ impl<T> Future for Pending<T> {
 }
 
 impl Journal {
-    /// Open or make the journal in `dir` (made as well if missing), and bring its tables up to date.
-    /// A journal of an older version is kept beside it as it was. A file that is no journal, or whose heads of runs,
-    /// audit log, armings or schedules are damaged, is refused and not changed.
+    /// Opens or creates the journal in `dir` (which is created as well) and migrates its tables. A copy of a
+    /// journal of an older version is kept beside it. A file is refused and not changed if it is no journal, or
+    /// if its heads of runs, audit log, armings or schedules are damaged.
     pub fn open(dir: &Path) -> Result<Self, StoreError> {
         Self::watched(dir, |_| {})
     }
 
-    /// Where it lies.
+    /// The state directory.
     pub fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new("."))
     }
 
-    /// The same; `wrote` hears, on the writer's thread, how long each job took it.
+    /// As [`Self::open`]; `wrote` is called on the writer's thread with the duration of each job.
     pub fn watched(
         dir: &Path,
         wrote: impl Fn(Duration) + Send + 'static,
@@ -88,7 +88,7 @@ impl Journal {
     ) -> Result<Self, Fault> {
         folder::make(dir)?;
         let connection = connection::open_writer(path)?;
-        // SQLite does this as well, but passes over it if it fails.
+        // SQLite syncs the directory as well, but ignores an error.
         folder::sync(dir)?;
         let (jobs, inbox) = mpsc::channel();
         let writer = thread::Builder::new()
@@ -97,13 +97,13 @@ impl Journal {
         Ok(Self { path: path.to_owned(), jobs: Some(jobs), writer: Some(writer) })
     }
 
-    /// Begin a run in state `running`, with this program's version and the hashes of its inputs.
+    /// Adds a run in state `running`, with this program's version and the hashes of its inputs.
     pub fn begin(&self, new: &NewRun) -> Pending<RunId> {
         let new = new.clone();
         self.submit(move |connection| write::begin(connection, &new))
     }
 
-    /// A stage is about to run; its new steps join the plan.
+    /// Adds a stage that is about to run, and its new steps to the plan.
     pub fn stage(&self, run: RunId, stage: &Stage, new_steps: &[Step]) -> Pending<()> {
         let (stage, steps) = (stage.clone(), new_steps.to_vec());
         self.submit(move |connection| write::stage(connection, run, &stage, &steps))
@@ -114,7 +114,7 @@ impl Journal {
         self.submit(move |connection| write::reading(connection, run, &reading))
     }
 
-    /// All samples of one scan.
+    /// Adds all samples of one scan.
     pub fn scan(&self, run: RunId, samples: &[Reading]) -> Pending<()> {
         let samples = samples.to_vec();
         self.submit(move |connection| scan::keep(connection, run, &samples))
@@ -125,24 +125,25 @@ impl Journal {
         self.submit(move |connection| write::event(connection, run, &event))
     }
 
-    /// Add an estimate; earlier ones of the run stay. Answers with its [`super::sha256`].
+    /// Adds an estimate; earlier estimates of the run stay. Returns its [`super::sha256`].
     pub fn estimate(&self, run: RunId, estimate: &Estimate) -> Pending<String> {
         let estimate = estimate.clone();
         self.submit(move |connection| write::estimate(connection, run, &estimate))
     }
 
-    /// Add a signature for good.
+    /// Adds a signature that is never changed or removed.
     pub fn sign(&self, run: RunId, signature: &Signature) -> Pending<()> {
         let signature = signature.clone();
         self.submit(move |connection| signature::add(connection, run, &signature))
     }
 
-    /// The run is now in `state`: ended, held, or running again.
+    /// Sets the state of the run.
     pub fn set_state(&self, run: RunId, state: RunState) -> Pending<()> {
         self.submit(move |connection| write::set_state(connection, run, state))
     }
 
-    /// Mark what a dead process left `running`. Holding the machine's lock proves that it is dead.
+    /// Marks the runs that a dead process left `running`. Holding the machine's lock proves that the process is
+    /// dead.
     pub fn mark_interrupted(&self, lock: &MachineLock) -> Pending<Vec<RunId>> {
         let machine = lock.machine().to_owned();
         self.submit(move |connection| write::mark_interrupted(connection, &machine))
@@ -158,8 +159,8 @@ impl Journal {
         self.look(|connection| read::newest_of(connection, machine, method))
     }
 
-    /// `tell` hears what the last estimates of the `newest` finished runs of each method on `machine`
-    /// say, oldest first.
+    /// Calls `tell` with the last estimates of the `newest` finished runs of each method on `machine`, oldest
+    /// first.
     pub fn measured(
         &self,
         machine: &str,
@@ -169,12 +170,12 @@ impl Journal {
         self.look(|connection| read::measured(connection, machine, newest, tell))
     }
 
-    /// Everything of one run, as of one instant.
+    /// All data of one run, as of one instant.
     pub fn load(&self, run: RunId) -> Result<StoredRun, StoreError> {
         self.look(|connection| read::run(connection, run))
     }
 
-    /// Without what was measured.
+    /// Progress of a run, without its readings.
     pub fn progress(&self, run: RunId) -> Result<Progress, StoreError> {
         self.look(|connection| read::progress(connection, run))
     }
@@ -194,7 +195,7 @@ impl Journal {
     ) -> Pending<T> {
         let (answer, pending) = oneshot::channel();
         let job: Job = Box::new(move |connection| drop(answer.send(job(connection))));
-        // A refused job drops its sender, which the asker sees as `WriterGone`.
+        // A refused job drops its sender; the caller gets `WriterGone`.
         if let Some(jobs) = &self.jobs {
             let _ = jobs.send(job);
         }

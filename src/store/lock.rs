@@ -1,5 +1,5 @@
-//! One owner of a machine across processes: a locked file per machine. The system frees the lock
-//! when the process ends, however it ends.
+//! Ensures one owner of a machine across processes by a locked file per machine. The operating system releases
+//! the lock whenever the process ends.
 
 use std::fs::{self, File, TryLockError};
 use std::io::{self, ErrorKind, Write};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{folder, sha256_text};
 
-/// Who holds a machine.
+/// Process that holds a machine.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Holder {
     pub machine: String,
@@ -23,7 +23,7 @@ pub enum LockError {
     #[error("machine `{machine}` is in use{}", by(holder.as_ref()))]
     Held {
         machine: String,
-        /// `None` in the instant before the other process has written its name.
+        /// `None` in the moment before the other process has written its data.
         holder: Option<Holder>,
     },
     #[error("the lock {path} of the machine cannot be taken: {source}", path = path.display())]
@@ -35,7 +35,7 @@ fn by(holder: Option<&Holder>) -> String {
 }
 
 impl LockError {
-    /// What to do next.
+    /// Remedy to show to the user.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Held { .. } => "wait for that run to end, or stop it, then start again",
@@ -50,7 +50,7 @@ impl LockError {
     }
 }
 
-/// Held as long as this value lives.
+/// Lock of a machine, held as long as this value lives.
 #[derive(Debug)]
 pub struct MachineLock {
     file: File,
@@ -58,10 +58,10 @@ pub struct MachineLock {
 }
 
 impl MachineLock {
-    /// Take the machine named `machine` for this process; never waits.
+    /// Locks the machine named `machine` for this process without waiting.
     ///
     /// # Errors
-    /// [`LockError::Held`] with who holds it.
+    /// [`LockError::Held`] with the holder.
     pub fn acquire(state_dir: &Path, machine: &str) -> Result<Self, LockError> {
         let path = state_dir.join("locks").join(file_name(machine));
         let unavailable = |source| LockError::Unavailable { path: path.clone(), source };
@@ -80,8 +80,8 @@ impl MachineLock {
         Ok(lock)
     }
 
-    /// Who has the machine named `machine`, if somebody does. Nobody who would take it is disturbed, save after
-    /// one that was killed, for an instant.
+    /// Holder of the machine named `machine`, if there is one. The check does not disturb a process that
+    /// acquires the lock, except for an instant after a holder was killed.
     pub fn holder(state_dir: &Path, machine: &str) -> Option<Holder> {
         let path = state_dir.join("locks").join(file_name(machine));
         let holder = serde_json::from_slice(&fs::read(&path).ok()?).ok()?;
@@ -89,7 +89,7 @@ impl MachineLock {
         matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock)).then_some(holder)
     }
 
-    /// The name of the machine that this lock holds.
+    /// Name of the locked machine.
     pub fn machine(&self) -> &str {
         &self.machine
     }
@@ -104,7 +104,8 @@ impl MachineLock {
 
 impl Drop for MachineLock {
     fn drop(&mut self) {
-        // Only so that a later holder is not taken for this one; the lock itself ends with the file.
+        // Removes the holder's data, so that a later holder is not mistaken for this one; closing the file
+        // releases the lock.
         let _ = self.file.set_len(0);
     }
 }
@@ -116,7 +117,7 @@ fn open(path: &Path) -> io::Result<File> {
     File::options().read(true).write(true).create(true).truncate(false).open(path)
 }
 
-/// Readable, safe as a file name whatever the machine is called, and different for different names.
+/// File name of a lock: readable, valid for any name of a machine, and unique to the name.
 fn file_name(machine: &str) -> String {
     let readable: String =
         machine.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).take(40).collect();

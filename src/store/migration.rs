@@ -1,4 +1,4 @@
-//! How a journal of an older version is brought up to date.
+//! Migration of a journal of an older version.
 
 use std::path::Path;
 
@@ -8,8 +8,7 @@ use rusqlite::{Connection, OpenFlags, TransactionBehavior};
 use super::schema::{KNOWN, MIGRATIONS, version};
 use super::{Fault, checksum, identity, snapshot};
 
-/// Bring the tables up to date in one transaction, also when several processes try at once. What was
-/// there before is kept.
+/// Migrates the tables in one transaction, also when several processes try at once. The old journal is kept.
 pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Fault> {
     if version(connection)? == KNOWN {
         return Ok(());
@@ -19,7 +18,7 @@ pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Fa
     let missing = usize::try_from(found).ok().and_then(|done| MIGRATIONS.get(done..));
     let missing = missing.ok_or(Fault::Newer { found, known: KNOWN })?;
     if missing.is_empty() {
-        // Another process was faster.
+        // Another process has migrated it.
         return Ok(());
     }
     if found > 0 {
@@ -33,11 +32,11 @@ pub(super) fn migrate(connection: &mut Connection, path: &Path) -> Result<(), Fa
     Ok(transaction.commit()?)
 }
 
-/// The journal at `path` as it is before it is brought up from version `found`, kept beside it.
+/// Copies the journal at `path` in version `found`, before the migration, to a file beside it.
 fn keep_version(path: &Path, found: i64) -> Result<(), Fault> {
     let now = Timestamp::now().strftime("%Y%m%dT%H%M%SZ");
     let source = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-    // A process that was killed in a migration may have kept one within the same second.
+    // A process that was killed during a migration may have made a copy within the same second.
     for number in 1.. {
         let number = if number == 1 { String::new() } else { format!("-{number}") };
         let kept = path.with_file_name(format!("journal-v{found}-{now}{number}.sqlite"));

@@ -1,5 +1,5 @@
-//! The one journal (SQLite, write-ahead log, every commit synced) and the machine lock.
-//! Nothing is acknowledged that is not durable; nothing here interprets a result.
+//! The journal (SQLite, write-ahead log, every commit synced) and the machine lock. Only durable data is
+//! acknowledged; this module interprets no result.
 
 use jiff::Timestamp;
 use serde::Serialize;
@@ -54,22 +54,23 @@ impl std::fmt::Display for RunId {
     }
 }
 
-/// Where a run stands.
+/// State of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RunState {
     Running,
-    /// Stopped safely; a person may resume it.
+    /// Stopped safely; an operator may resume it.
     Held,
-    /// Measured to its end; no estimate is stored. The journal derives it: `finished` without an estimate.
+    /// Measured to its end without a stored estimate. The journal derives this state: `finished` without an
+    /// estimate.
     #[serde(rename = "not identified")]
     NotIdentified,
-    /// Measured, with an estimate.
+    /// Measured to its end, with an estimate.
     Finished,
     Failed,
-    /// Its process died; a person looks at the machine before anything else.
+    /// Its process died; an operator must check the machine before anything else.
     Interrupted,
-    /// It cannot go on, because its references moved or were never measured; what it measured stays.
+    /// Not resumable, because its references moved or were never measured; its readings stay.
     Closed,
 }
 
@@ -96,7 +97,7 @@ impl RunState {
         }
     }
 
-    /// Whether a person may let it go on.
+    /// Whether an operator may resume the run.
     pub fn is_resumable(self) -> bool {
         matches!(self, Self::Held | Self::Interrupted)
     }
@@ -106,60 +107,61 @@ impl RunState {
     }
 }
 
-/// What is known of a run when it begins.
+/// Data with which a run begins.
 #[derive(Debug, Clone)]
 pub struct NewRun {
-    /// The machine file as it was read.
+    /// Text of the machine file as it was read.
     pub config: String,
-    /// With the steps known so far; usually none.
+    /// Plan with the steps known so far; usually none.
     pub plan: Plan,
 }
 
-/// The head of a run: what a list of runs shows.
+/// Head of a run, as shown in a list of runs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct RunSummary {
     pub id: RunId,
     pub started: Timestamp,
-    /// When the run came to its present state; `None` while it runs.
+    /// Time at which the run reached its present state; `None` while it runs.
     pub ended: Option<Timestamp>,
     pub method: String,
     pub machine: String,
     pub state: RunState,
     pub program_version: String,
     pub config_sha256: String,
-    /// Of the plan as far as it is written, see [`sha256`].
+    /// Hash of the plan so far, see [`sha256`].
     pub plan_sha256: String,
-    /// Who signed its last estimate last.
+    /// Name in the last signature of its last estimate.
     pub signed: Option<String>,
 }
 
-/// Everything the journal holds of one run.
+/// All data of one run in the journal.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StoredRun {
     pub summary: RunSummary,
-    /// The machine file as it was read.
+    /// Text of the machine file as it was read.
     pub config: String,
     pub plan: Plan,
-    /// In the order in which they were started.
+    /// Stages in the order in which they were started.
     pub stages: Vec<Stage>,
-    /// In the order in which they were acknowledged.
+    /// Readings in the order in which they were acknowledged.
     pub readings: Vec<Reading>,
-    /// When the last of them was; `None` without readings, or if an older version kept them.
+    /// Time at which the last reading was acknowledged; `None` without readings, or if an older version stored
+    /// them.
     pub measured_until: Option<Timestamp>,
     pub events: Vec<(Timestamp, Event)>,
-    /// Oldest first; the last one counts.
+    /// Estimates, oldest first; the last one is valid.
     pub estimates: Vec<StoredEstimate>,
-    /// Oldest first; one that is bound to an earlier estimate does not speak for the last.
+    /// Signatures, oldest first. A signature of an earlier estimate does not apply to the last one.
     pub signatures: Vec<(Timestamp, Signature)>,
 }
 
-/// How far a run has come: cheap enough to be asked for again and again.
+/// Progress of a run; cheap enough for polling.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Progress {
-    /// With the steps so far, without interruptions.
+    /// Plan with the steps so far, without interruptions.
     pub plan: Plan,
     pub stages: Vec<Stage>,
-    /// Step and repeat of each touch and scan that is kept.
+    /// Step and repeat of each stored touch and scan.
     pub done: Vec<(u32, u32)>,
 }
 
@@ -171,27 +173,27 @@ pub struct StoredEstimate {
     pub program_version: String,
 }
 
-/// What the last estimate of a finished run says.
+/// Result of a finished run from its last estimate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
     pub run: RunId,
     pub started: Timestamp,
     pub method: String,
     pub parameters: Vec<Parameter>,
-    /// Means over its readings; without what nobody has said.
+    /// Mean temperatures over the run's readings; thermometers without a value are left out.
     pub temperatures_c: Temperatures,
 }
 
-/// SHA-256, in hexadecimal digits, of the compact JSON of `value`: independent of how a file that
-/// holds it was laid out.
+/// SHA-256, in hexadecimal digits, of the compact JSON of `value`: independent of the formatting of a file that
+/// contains it.
 ///
 /// # Errors
-/// When `value` cannot be written as JSON.
+/// `value` cannot be written as JSON.
 pub fn sha256(value: &impl Serialize) -> Result<String, serde_json::Error> {
     serde_json::to_string(value).map(|text| sha256_text(&text))
 }
 
-/// As in `config_sha256` of a run.
+/// SHA-256 of `text` in hexadecimal digits, as in `config_sha256` of a run.
 pub fn sha256_text(text: &str) -> String {
     Sha256::digest(text.as_bytes()).iter().map(|byte| format!("{byte:02x}")).collect()
 }

@@ -1,4 +1,4 @@
-//! Parts of what is long: a journal has years of runs, and a run has thousands of readings.
+//! Pages of long lists: a journal contains years of runs, and a run thousands of readings.
 
 use jiff::Timestamp;
 use rusqlite::{Connection, OptionalExtension, params};
@@ -8,23 +8,23 @@ use super::{Fault, Journal, RunId, RunState, RunSummary, StoreError, checksum, c
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::reading::Reading;
 
-/// Which runs are asked for; without a bound from the newest on.
+/// Filter of a list of runs. Without a bound the list begins with the newest run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Wanted<'a> {
-    /// Older than this one.
+    /// Only runs older than this one.
     pub before: Option<RunId>,
-    /// Newer than this one; alone: those that follow it.
+    /// Only runs newer than this one; without `before` the runs that follow it directly.
     pub after: Option<RunId>,
     pub machine: Option<&'a str>,
     pub method: Option<&'a str>,
     pub state: Option<RunState>,
 }
 
-/// What the newest finished run of a machine has told.
+/// Result of the newest finished run of a machine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Newest {
     pub run: RunId,
-    /// When that run came to its end.
+    /// Time at which that run ended.
     pub ended: Timestamp,
     pub verdict: Verdict,
     pub parameters: Vec<Parameter>,
@@ -33,14 +33,14 @@ pub struct Newest {
 /// The newest runs of a machine that were measured to their end.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct NewestRuns {
-    /// Of the newest run with an estimate.
+    /// Result of the newest run with an estimate.
     pub result: Option<Newest>,
-    /// The newest run without an estimate, if it is newer than that.
+    /// The newest run without an estimate, if it is newer than `result`.
     pub not_identified: Option<RunId>,
 }
 
 impl Journal {
-    /// At most so many runs, newest first.
+    /// At most `most` runs, newest first.
     ///
     /// # Errors
     /// The journal cannot be read.
@@ -52,10 +52,10 @@ impl Journal {
         self.look(|connection| runs(connection, wanted, most))
     }
 
-    /// How many readings a run has, and at most so many of them without the first `after`.
+    /// Number of readings of a run, and at most `most` of them after the first `after`.
     ///
     /// # Errors
-    /// No such run, or the journal cannot be read.
+    /// The run does not exist, or the journal cannot be read.
     pub fn some_readings(
         &self,
         run: RunId,
@@ -112,7 +112,7 @@ fn runs(
     Ok(runs)
 }
 
-/// A scan is a row and many readings: the rows are counted first, and only those that are asked for are read.
+/// A scan is one row with many readings: the rows are counted first, and only the requested ones are read.
 fn readings(
     connection: &mut Connection,
     run: RunId,
@@ -139,7 +139,7 @@ fn readings(
 }
 
 fn newest(connection: &Connection, machine: &str) -> Result<Option<Newest>, Fault> {
-    /// Of the estimate's JSON; the rest is passed over.
+    /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
     struct Said {
         verdict: Verdict,

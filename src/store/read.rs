@@ -1,4 +1,4 @@
-//! Reading the journal back.
+//! Reads the journal.
 
 use rusqlite::{Connection, OptionalExtension, Row, params};
 use serde::Deserialize;
@@ -12,7 +12,7 @@ use machine::record::event::Event;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
-/// Column of a scan's samples.
+/// Index of the column with a scan's samples.
 const SAMPLES: usize = 14;
 pub(super) const SUMMARY: &str = "SELECT id, started, ended, method, machine,
                               CASE WHEN state = 'finished' AND NOT EXISTS
@@ -48,8 +48,8 @@ pub(super) fn newest_of(
     Ok(id.map(RunId))
 }
 
-/// What the last estimates of the `newest` finished runs of each method on `machine` say, oldest first.
-/// One is held at a time: there are years of them.
+/// Calls `tell` with the last estimates of the `newest` finished runs of each method on `machine`, oldest
+/// first. Only one estimate is in memory at a time, as the journal covers years.
 pub(super) fn measured(
     connection: &Connection,
     machine: &str,
@@ -64,7 +64,7 @@ pub(super) fn measured(
          WHERE age <= ?3 ORDER BY id",
     )?;
     let ids = newest_first.query_map(params![machine, finished, newest], |row| row.get(0))?;
-    // One by one: a query that sorted them would hold all of their estimates.
+    // One query for each run: a single sorted query would hold all estimates in memory.
     let mut one = connection.prepare(
         "SELECT runs.id, started, method, estimate, coalesce(temperatures_c, '{}')
          FROM runs JOIN estimates ON run = runs.id
@@ -79,7 +79,7 @@ pub(super) fn measured(
 }
 
 fn values(row: &Row<'_>) -> rusqlite::Result<Measured> {
-    /// Of the estimate's JSON; the rest is passed over.
+    /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
     struct Values {
         parameters: Vec<Parameter>,
@@ -94,7 +94,7 @@ fn values(row: &Row<'_>) -> rusqlite::Result<Measured> {
     })
 }
 
-/// All of one run, verified, in one transaction: another process may be writing it.
+/// All data of one run, verified, in one transaction: another process may be writing to it.
 pub(super) fn run(connection: &mut Connection, run: RunId) -> Result<StoredRun, Fault> {
     let snapshot = connection.transaction()?;
     checksum::verify_run(&snapshot, run)?;
@@ -142,7 +142,7 @@ pub(super) fn progress(connection: &mut Connection, run: RunId) -> Result<Progre
     })
 }
 
-/// The plan as far as it is written, with the interruptions so far.
+/// The plan so far, with the interruptions so far.
 pub(super) fn plan(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
     Ok(Plan { gaps_s: gaps(connection, run)?, ..uninterrupted(connection, run)? })
 }
@@ -158,7 +158,7 @@ fn uninterrupted(connection: &Connection, run: RunId) -> Result<Plan, Fault> {
     Ok(plan)
 }
 
-/// When the run was interrupted, on the readings' clock; once each.
+/// Times of the run's interruptions on the readings' clock, each once.
 fn gaps(connection: &Connection, run: RunId) -> Result<Vec<f64>, Fault> {
     let events =
         rows(connection, "SELECT event FROM events", run, |row| from_json::<Event>(row, 0))?;
@@ -190,7 +190,7 @@ pub(super) fn summary(row: &Row<'_>) -> rusqlite::Result<RunSummary> {
     })
 }
 
-/// A touch, or all samples of a scan.
+/// The readings of a row: a touch, or all samples of a scan.
 pub(super) fn readings(row: &Row<'_>) -> rusqlite::Result<Vec<Reading>> {
     let (head, samples) = (reading(row)?, row.get::<_, Option<String>>(SAMPLES)?);
     match samples {

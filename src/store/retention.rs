@@ -1,5 +1,5 @@
-//! What may go after a time: the samples of scans, which are large, once their run has its estimate.
-//! Touches, events, estimates and the audit log stay for good.
+//! Removal of old scan samples, which are large, once their run has an estimate. Touches, events, estimates and
+//! the audit log are never removed.
 
 use jiff::Timestamp;
 use rusqlite::{Connection, params};
@@ -8,8 +8,8 @@ use super::{Fault, Journal, RunId, RunState, StoreError, read};
 use machine::record::event::Event;
 
 impl Journal {
-    /// Runs that came to their end before `before` and have an estimate: what was sampled in them may
-    /// be forgotten. Oldest first.
+    /// Runs that ended before `before` and have an estimate, so that their samples may be removed. Oldest
+    /// first.
     ///
     /// # Errors
     /// The journal cannot be read.
@@ -17,8 +17,8 @@ impl Journal {
         self.look(|connection| outlived(connection, before))
     }
 
-    /// Remove the samples of `run`'s scans, a scan at a time: whoever writes a touch waits for one of
-    /// them at most. The run's own story says so. Blocks this thread; answers with the number of scans.
+    /// Removes the samples of `run`'s scans, one scan per transaction, so that a touch waits for one removal at
+    /// most. An event of the run records the removal. Blocks this thread; returns the number of scans.
     ///
     /// # Errors
     /// The journal cannot be written.
@@ -46,7 +46,7 @@ fn scans(connection: &Connection, run: RunId) -> Result<u32, Fault> {
     Ok(connection.query_row(count, [run.0], |row| row.get(0))?)
 }
 
-/// Whether there was one.
+/// Removes one scan; returns whether there was one.
 fn forget_one(connection: &mut Connection, run: RunId) -> Result<bool, Fault> {
     let removed = connection.execute(
         "DELETE FROM readings WHERE seq =

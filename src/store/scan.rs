@@ -1,4 +1,4 @@
-//! All samples of one scan as one row: nobody finds half of them. Temperatures are those of the row.
+//! All samples of one scan in one row, so that a scan is never stored in part. Temperatures belong to the row.
 
 use rusqlite::{Connection, params};
 use serde::{Deserialize, Serialize};
@@ -7,8 +7,8 @@ use super::{Fault, RunId, columns};
 use machine::Axis;
 use machine::record::reading::{Flag, Reading};
 
-/// One sample as it is kept, bit for bit: positions in the order of [`Axis::ALL`] (mm, rad), the value,
-/// the time.
+/// One stored sample, bit for bit: positions in the order of [`Axis::ALL`] (mm, rad), the value in mm, the time
+/// in s.
 #[derive(Serialize, Deserialize)]
 struct Kept {
     at: [Option<f64>; Axis::ALL.len()],
@@ -17,7 +17,7 @@ struct Kept {
     t: f64,
     #[serde(default, skip_serializing_if = "is_none")]
     flag: Flag,
-    /// Absent: that of the row.
+    /// Name of the sensor; absent if it is the sensor of the row.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     sensor: Option<String>,
 }
@@ -57,7 +57,7 @@ pub(super) fn keep(
     Ok(())
 }
 
-/// The samples of a row whose other columns are those of `row`.
+/// Samples of a row whose other columns are in `row`.
 pub(super) fn read(row: &Reading, samples: &str) -> Result<Vec<Reading>, serde_json::Error> {
     let kept: Vec<Kept> = serde_json::from_str(samples)?;
     let reading = |kept: Kept| {
@@ -75,7 +75,7 @@ pub(super) fn read(row: &Reading, samples: &str) -> Result<Vec<Reading>, serde_j
 }
 
 impl Kept {
-    /// `first`: the sample whose columns are those of the row.
+    /// Converts a sample. `first`: the sample in the columns of the row.
     fn of(sample: &Reading, first: &Reading) -> Self {
         Self {
             sensor: (sample.sensor != first.sensor).then(|| sample.sensor.clone()),

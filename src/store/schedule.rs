@@ -1,5 +1,5 @@
-//! What a schedule must not forget: who has armed which cycle, and what became of each slot. A slot is
-//! known by its instant, so that a clock that is set back brings none of them twice.
+//! Persistent state of schedules: armings of cycles and outcomes of slots. A slot is identified by its instant,
+//! so that no slot repeats when the clock is set back.
 
 use jiff::{Timestamp, Unit};
 use rusqlite::{Connection, OptionalExtension, Row, Transaction, params};
@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{Audit, Fault, Journal, Pending, RunId, StoreError, audit, columns, write};
 
-/// A person lets a cycle start while nobody is there.
+/// Permission of a person that a cycle may start unattended.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Arming {
     pub machine: String,
@@ -16,24 +16,24 @@ pub struct Arming {
     pub why: String,
     pub armed: Timestamp,
     pub until: Timestamp,
-    /// Before its time: when and why.
+    /// Time and reason of an early end of the arming.
     pub ended: Option<(Timestamp, String)>,
-    /// A run of this machine that was held, failed or broke off since; nobody has looked at what it
-    /// left behind.
+    /// A run of this machine that was held, failed or interrupted since the arming and has not been
+    /// acknowledged.
     pub broken: Option<RunId>,
 }
 
-/// What became of a slot.
+/// Outcome of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Outcome {
     Started,
-    /// Its run came to an estimate.
+    /// Its run has an estimate.
     Ran,
-    /// Started, but its run did not come to its end.
+    /// Started, but its run was not completed.
     Failed,
     Skipped,
-    /// Nobody was there at its time.
+    /// The service was not running at the time of the slot.
     Missed,
 }
 
@@ -51,7 +51,7 @@ impl Outcome {
     }
 }
 
-/// One instant of one schedule, and what became of it.
+/// One instant of one schedule, and its outcome.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Slot {
     pub machine: String,
@@ -60,19 +60,19 @@ pub struct Slot {
     pub at: Timestamp,
     pub outcome: Outcome,
     pub why: String,
-    /// 0 without one.
+    /// Number of the run, 0 for none.
     pub run: i64,
 }
 
 impl Journal {
-    /// From now on `arming` counts for its cycle, and none before it. It stands in the audit log.
+    /// Replaces the arming of the cycle by `arming`, and adds an entry to the audit log.
     pub fn arm(&self, arming: &Arming) -> Pending<()> {
         let arming = arming.clone();
         self.submit(move |connection| arm(connection, &arming))
     }
 
-    /// Nothing of `machine` starts any more while nobody is there; of one cycle, or of all. How many
-    /// armings that ended; each stands in the audit log.
+    /// Ends the armings of `machine`, of one cycle or of all. Returns how many armings ended; each end is an
+    /// entry in the audit log.
     pub fn disarm(
         &self,
         machine: &str,
@@ -84,7 +84,7 @@ impl Journal {
         self.submit(move |connection| disarm(connection, &machine, cycle, &who, &why))
     }
 
-    /// The last arming of each cycle of `machine`, whether it still counts or not.
+    /// The last arming of each cycle of `machine`, whether it is still valid or not.
     ///
     /// # Errors
     /// The journal cannot be read.
@@ -92,7 +92,7 @@ impl Journal {
         self.look(|connection| armings(connection, machine))
     }
 
-    /// Every machine that the journal knows of.
+    /// Names of all machines in the journal.
     ///
     /// # Errors
     /// The journal cannot be read.
@@ -106,8 +106,8 @@ impl Journal {
         })
     }
 
-    /// These are the schedules of `machine`, by name and calendar. Up to which instant was each seen to?
-    /// A new one, or one with another calendar: up to `now`.
+    /// Registers the schedules of `machine` by name and calendar. Returns for each the instant up to which its
+    /// slots are settled; for a new schedule or a changed calendar it is `now`.
     pub fn schedules(
         &self,
         machine: &str,
@@ -118,14 +118,14 @@ impl Journal {
         self.submit(move |connection| schedules(connection, &machine, &known, now))
     }
 
-    /// Keep what became of a slot. `false`: it was decided before, and that stands. What was missed may
-    /// still be started, if the clock is set back; what was started may end.
+    /// Stores the outcome of a slot. `false`: an earlier outcome exists and is kept. A missed slot may still
+    /// start if the clock is set back; a started one may end.
     pub fn slot(&self, slot: &Slot) -> Pending<bool> {
         let slot = slot.clone();
         self.submit(move |connection| keep(connection, &slot))
     }
 
-    /// The newest of `machine`, newest first.
+    /// The newest slots of `machine`, newest first.
     ///
     /// # Errors
     /// The journal cannot be read.
@@ -143,7 +143,7 @@ fn arm(connection: &mut Connection, arming: &Arming) -> Result<(), Fault> {
          VALUES (?1, ?2, ?3, ?4, ?5, ?6, (SELECT coalesce(max(seq), 0) FROM events))",
         params![machine, cycle, who, why, armed.to_string(), until.to_string()],
     )?;
-    // A person goes by the clock as it is now: what was seen to beyond it was seen by a wrong one.
+    // The person goes by the present clock: a later `seen` comes from a wrong clock.
     transaction.execute(
         "UPDATE schedules SET seen = ?2 WHERE machine = ?1 AND seen > ?2",
         params![machine, second(*armed)],
@@ -170,7 +170,7 @@ fn disarm(
     Ok(ended.len())
 }
 
-/// Those that were not ended before.
+/// Ends the armings that have not ended before.
 fn end(
     transaction: &Transaction<'_>,
     machine: &str,
@@ -224,7 +224,7 @@ fn armings(connection: &Connection, machine: &str) -> Result<Vec<Arming>, Fault>
     .collect()
 }
 
-/// By the order in which things were written down, not by a clock that may be set.
+/// Ordered by sequence number, not by a clock that may be set.
 fn broken(connection: &Connection, machine: &str, after: i64) -> Result<Option<RunId>, Fault> {
     let found = connection.query_row(
         "SELECT runs.id FROM runs WHERE machine = ?1 AND (
@@ -316,7 +316,7 @@ fn slot(machine: &str, row: &Row<'_>) -> rusqlite::Result<Slot> {
     })
 }
 
-/// Slots are whole seconds: the same instant is the same text.
+/// Slots are rounded down to whole seconds, so that the same instant gives the same text.
 fn second(at: Timestamp) -> String {
     whole(at).to_string()
 }

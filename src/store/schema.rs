@@ -1,7 +1,7 @@
-//! The journal's tables, format by format.
+//! Tables of the journal, format by format.
 //!
-//! Positions of readings are kept bit for bit, in internal units (mm, rad), so that a stored
-//! reading gives the same estimate as the live one. Plans, stages, events and estimates are JSON.
+//! Positions of readings are stored bit for bit, in internal units (mm, rad), so that a stored reading gives
+//! the same estimate as the live one. Plans, stages, events and estimates are JSON.
 
 use rusqlite::Connection;
 
@@ -10,8 +10,8 @@ use super::Fault;
 /// The format of the journals that this version writes.
 pub(super) const KNOWN: i64 = MIGRATIONS.len() as i64;
 
-/// One entry a version; never change one that was released, add another. After them every row gets its checksum
-/// anew: one that follows the eighth must verify all rows before.
+/// Migrations, one entry per format. Never change a released entry; add another one. After the migrations the
+/// checksum of every row is computed again: an entry after the eighth must verify all rows first.
 pub(super) const MIGRATIONS: [&str; 8] = [
     "
 CREATE TABLE runs (
@@ -70,8 +70,8 @@ CREATE INDEX readings_of ON readings (run);
 CREATE INDEX events_of ON events (run);
 CREATE INDEX estimates_of ON estimates (run);
 ",
-    // A run may be `closed` (the program alone knows the states from here on); no touch stands
-    // twice; readings know when they were kept.
+    // Runs may be `closed` (from this format on the database does not check the states); each touch is unique;
+    // readings have a storage time.
     "
 CREATE TABLE runs_anew (
     id INTEGER PRIMARY KEY AUTOINCREMENT,
@@ -92,11 +92,11 @@ ALTER TABLE runs_anew RENAME TO runs;
 ALTER TABLE readings ADD COLUMN kept TEXT;
 CREATE UNIQUE INDEX touches_once ON readings (run, step, repeat) WHERE value_mm IS NULL;
 ",
-    // A scan is one row: all of its samples, or none.
+    // A scan is one row, so that it is stored completely or not at all.
     "
 ALTER TABLE readings ADD COLUMN samples TEXT;
 ",
-    // Who asked for what, and what came of it; nothing of it is ever changed.
+    // Audit log of requests and their outcomes; rows are never changed.
     "
 CREATE TABLE audit (
     seq INTEGER PRIMARY KEY,
@@ -111,7 +111,7 @@ CREATE TABLE audit (
 CREATE TRIGGER audit_is_kept BEFORE DELETE ON audit BEGIN SELECT RAISE(ABORT, 'audit is kept'); END;
 CREATE TRIGGER audit_stands BEFORE UPDATE ON audit BEGIN SELECT RAISE(ABORT, 'audit stands'); END;
 ",
-    // Who answers for an estimate; nothing of it is ever changed.
+    // Signatures of estimates; rows are never changed.
     "
 CREATE TABLE signatures (
     seq INTEGER PRIMARY KEY,
@@ -127,8 +127,8 @@ CREATE TRIGGER signatures_are_kept BEFORE DELETE ON signatures
 CREATE TRIGGER signatures_stand BEFORE UPDATE ON signatures
     BEGIN SELECT RAISE(ABORT, 'signatures stand'); END;
 ",
-    // Who let a cycle start while nobody is there; what became of each instant of a schedule; up to
-    // which instant each schedule was seen to.
+    // Armings of cycles for unattended starts; outcomes of the slots of a schedule; the instant up to which the
+    // slots of each schedule are settled.
     "
 CREATE TABLE armings (
     seq INTEGER PRIMARY KEY,
@@ -161,13 +161,13 @@ CREATE TABLE schedules (
     PRIMARY KEY (machine, schedule)
 ) STRICT;
 ",
-    // The mean of what each thermometer said during a run, so that a history need not read all readings.
-    // Of runs before, and of those that did not come to their end, nothing is known.
+    // Mean of each thermometer during a run, so that a history need not read all readings. It is unknown for
+    // earlier runs and for runs that did not end.
     "
 ALTER TABLE runs ADD COLUMN temperatures_c TEXT;
 ",
-    // A checksum of each row (`checksum.rs`). Its length is fixed from the insert on, so that only its own page of a
-    // long row is written again.
+    // Checksum of each row (`checksum.rs`). Its length is fixed at the insert, so that only one page of a long
+    // row is written again.
     "
 ALTER TABLE runs ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';
 ALTER TABLE steps ADD COLUMN checksum BLOB NOT NULL DEFAULT x'00000000';

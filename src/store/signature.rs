@@ -1,4 +1,4 @@
-//! Who answers for a result, by name: bound to the estimate that was seen, and never changed.
+//! Signatures of results by name, bound to the estimate that was shown, and never changed.
 
 use jiff::Timestamp;
 use rusqlite::{Connection, params};
@@ -10,7 +10,7 @@ use super::{Fault, RunId, columns};
 pub struct Signature {
     pub who: String,
     pub remark: String,
-    /// Of the estimate that was signed, see [`super::sha256`].
+    /// Hash of the signed estimate, see [`super::sha256`].
     pub estimate_sha256: String,
 }
 
@@ -30,7 +30,7 @@ pub(super) fn add(
     Ok(())
 }
 
-/// Of `run`, oldest first.
+/// Signatures of `run`, oldest first.
 pub(super) fn of_run(
     connection: &Connection,
     run: RunId,

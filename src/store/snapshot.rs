@@ -9,7 +9,8 @@ use rusqlite::backup::{Backup, StepResult};
 
 use super::{Fault, folder};
 
-/// Under its name only once it is whole, `verified` and on the disk. Answers with what `verified` does.
+/// Copies the journal to `file`. The copy gets this name only after it is complete, `verified` and on the disk.
+/// Returns the result of `verified`.
 pub(super) fn keep<T>(
     source: &Connection,
     file: &Path,
@@ -40,20 +41,20 @@ fn part(file: &Path) -> PathBuf {
     file.with_file_name(name)
 }
 
-/// The copy, still open.
+/// Makes the copy and returns it open.
 fn fill(source: &Connection, part: &Path) -> Result<Connection, Fault> {
-    // Of a copy that did not come to its end.
+    // Left by a copy that was not completed.
     match fs::remove_file(part) {
         Err(error) if error.kind() != ErrorKind::NotFound => return Err(error.into()),
         _ => {}
     }
     let mut copy = Connection::open(part)?;
-    // All pages in one look: with a write-ahead log no writer waits for a reader.
+    // All pages in one step: with a write-ahead log no writer waits for a reader.
     match Backup::new(source, &mut copy)?.step(-1)? {
         StepResult::Done => {}
         _ => return Err(Fault::Busy),
     }
-    // One file, with no log beside it.
+    // One file, without a log beside it.
     copy.pragma_update_and_check(None, "journal_mode", "DELETE", |_| Ok(()))?;
     let said: String = copy.pragma_query_value(None, "integrity_check", |row| row.get(0))?;
     match said.as_str() {

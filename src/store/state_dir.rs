@@ -1,17 +1,17 @@
-//! Where the journal and the locks live.
+//! Location of the journal and of the locks.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// `given` (from `--state`), else the first directory of `$STATE_DIRECTORY` (systemd), else
-/// `$XDG_STATE_HOME/trued`, else `~/.local/state/trued` (XDG base directories). `None`: none of
-/// these is known, and `--state` must be given.
+/// The state directory: `given` (from `--state`), else the first directory of `$STATE_DIRECTORY` (systemd),
+/// else `$XDG_STATE_HOME/trued`, else `~/.local/state/trued` (XDG base directories). `None`: none of these is
+/// known, and `--state` must be given.
 pub fn state_dir(given: Option<&Path>) -> Option<PathBuf> {
     resolve(given, |name| std::env::var_os(name))
 }
 
 fn resolve(given: Option<&Path>, variable: impl Fn(&str) -> Option<OsString>) -> Option<PathBuf> {
-    // The XDG specification: a path that is not absolute is to be ignored.
+    // The XDG specification requires that a relative path is ignored.
     let absolute = |name| variable(name).map(PathBuf::from).filter(|path| path.is_absolute());
     let systemd = || std::env::split_paths(&variable("STATE_DIRECTORY")?).next();
     given

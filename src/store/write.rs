@@ -1,4 +1,4 @@
-//! What the writer's thread does: each function is one transaction, committed when it returns.
+//! Jobs of the writer's thread: each function is one transaction, committed when it returns.
 
 use rusqlite::{Connection, Transaction, TransactionBehavior, params};
 
@@ -53,7 +53,7 @@ pub(super) fn stage(
     Ok(transaction.commit()?)
 }
 
-/// The plan grows: new steps, and the hash of the plan as it stands now.
+/// Adds steps to the plan and updates the hash of the plan.
 fn add_steps(transaction: &Transaction<'_>, run: RunId, steps: &[Step]) -> Result<(), Fault> {
     for step in steps {
         let text = to_json(&format!("step {}", step.id), step)?;
@@ -76,7 +76,7 @@ pub(super) fn reading(
     run: RunId,
     reading: &Reading,
 ) -> Result<(), Fault> {
-    // SQLite would keep a NaN as NULL, and JSON knows no infinity: refuse both.
+    // SQLite would store a NaN as NULL, and JSON has no infinity: both are refused.
     let what = || format!("the reading of step {}", reading.step);
     if !is_finite(reading) {
         return Err(Fault::NotFinite { what: what() });
@@ -149,7 +149,7 @@ pub(super) fn set_state(
 ) -> Result<(), Fault> {
     let ended = (state != RunState::Running).then(now);
     let is_measured = matches!(state, RunState::NotIdentified | RunState::Finished);
-    // Whether it is identified is read from its estimates.
+    // The estimates tell whether the run is identified.
     let state = if is_measured { RunState::Finished } else { state };
     let transaction = begin_writing(connection)?;
     let changed = transaction.execute(
@@ -165,7 +165,7 @@ pub(super) fn set_state(
     Ok(transaction.commit()?)
 }
 
-/// Of each thermometer over the readings that it spoke at, a scan being one of them; those from before an
+/// Mean of each thermometer over the readings with a value. A scan counts as one reading; readings before an
 /// interruption count as well.
 fn mean_temperatures(transaction: &Transaction<'_>, run: RunId) -> Result<(), Fault> {
     transaction.execute(
@@ -194,7 +194,7 @@ pub(super) fn mark_interrupted(
     Ok(marked)
 }
 
-/// Immediate, so that two processes that write never fail half-way into a transaction.
+/// Begins an immediate transaction, so that of two writing processes none fails in the middle of a transaction.
 pub(super) fn begin_writing(connection: &mut Connection) -> Result<Transaction<'_>, Fault> {
     Ok(connection.transaction_with_behavior(TransactionBehavior::Immediate)?)
 }

@@ -1,4 +1,4 @@
-//! Vectors at places in space: three views of each group, all of one figure at one scale.
+//! Vectors at positions in space: three views of each group, all groups of a figure at one scale.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -8,32 +8,34 @@ use super::{Area, Drawn, FIT, FONT, GRID, INK, LINE, picture, text_style};
 use crate::report::number;
 use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Unit};
 
-/// Square panels side by side, and the scale below.
+/// Width of the square panels, height of the scale below them, and size of the picture, in picture units.
 pub(super) const PANEL: i32 = 500;
 pub(super) const FOOT: i32 = 70;
 pub(super) const SIZE: (u32, u32) = (3 * PANEL as u32, (PANEL + FOOT) as u32);
-/// What each panel shows to the right and upwards: from above, and from two sides.
+/// Axes of each panel, to the right and upwards: from above, and from two sides.
 pub(super) const VIEWS: [(i32, [usize; 2]); 3] = [(0, [0, 1]), (1, [0, 2]), (2, [1, 2])];
-/// From the middle of a panel to the farthest place, and the longest arrow that is not flagged.
+/// Distance from the middle of a panel to the farthest position, and length of the longest arrow without a
+/// flag, in picture units.
 const HALF: f64 = 140.0;
 const LONGEST: f64 = 80.0;
-/// Flagged ones may be longer than the rest by orders: they are cut here.
+/// Maximum length of an arrow, in picture units: flagged ones may be longer than the others by orders of
+/// magnitude.
 const CUT: f64 = 100.0;
 const HEAD: f64 = 18.0;
 
-/// What all groups of a figure share.
+/// Scales that all groups of a figure share.
 pub(in crate::report) struct Common {
-    /// Middle of all places, mm.
+    /// Centre of all positions, mm.
     pub(super) middle: [f64; 3],
     /// Picture units per mm, and per unit of the vectors.
     pub(super) place: f64,
     pub(super) vector: f64,
-    /// What the scale arrow says.
+    /// Value and label of the scale arrow.
     key: (f64, String),
 }
 
 impl Common {
-    /// `None` without a single finite arrow.
+    /// The scales of a figure; `None` without a finite arrow.
     pub(in crate::report) fn of(figure: &ArrowFigure) -> Option<Self> {
         let all = || figure.groups.iter().flat_map(drawable);
         let side = |k: usize| bounds(all().map(|arrow| arrow.at_mm[k]));
@@ -64,7 +66,7 @@ impl Common {
     fn panel(&self, area: &Area<'_>, panel: i32, sides: [usize; 2], group: &Arrows) -> Drawn {
         let left = panel * PANEL;
         frame(area, panel, sides)?;
-        // Those that matter on top.
+        // Flagged arrows are drawn last, on top.
         let order =
             drawable(group).filter(|a| !a.flagged).chain(drawable(group).filter(|a| a.flagged));
         for arrow in order {
@@ -84,7 +86,7 @@ impl Common {
         drawn(area, from, by, colour)?;
         if arrow.flagged {
             area.draw(&Circle::new(from, 13, colour.stroke_width(4)))?;
-            // On the side that the arrow leaves free.
+            // The label is on the side opposite to the arrow.
             let (side, away) = if along[0] < 0.0 { (HPos::Left, 20) } else { (HPos::Right, -20) };
             let style = text_style(FONT).pos(Pos::new(side, VPos::Center));
             area.draw(&Text::new(arrow.label.clone(), (from.0 + away, from.1 + 4), style))?;
@@ -92,7 +94,7 @@ impl Common {
         Ok(())
     }
 
-    /// Picture units per unit of `vector`: fewer where it would be too long.
+    /// Picture units per unit of `vector`, reduced where the arrow would be too long.
     pub(super) fn factor(&self, vector: [f64; 3]) -> f64 {
         self.vector * (CUT / (self.vector * norm(vector))).min(1.0)
     }
@@ -107,7 +109,7 @@ impl Common {
         Ok(())
     }
 
-    /// By how much lengths in `unit` are magnified; `None` for what is no length.
+    /// Magnification of lengths in `unit`; `None` for a unit that is not a length.
     pub(in crate::report) fn magnified(&self, unit: Unit) -> Option<f64> {
         let per_mm = match unit {
             Unit::Um => 1e3,
@@ -117,13 +119,13 @@ impl Common {
         Some(self.vector * per_mm / self.place)
     }
 
-    /// Whether a flagged arrow is drawn shorter than it is.
+    /// Whether a flagged arrow is drawn shorter than to scale.
     pub(in crate::report) fn cuts(&self, figure: &ArrowFigure) -> bool {
         figure.groups.iter().flat_map(drawable).any(|a| self.vector * norm(a.vector) > CUT)
     }
 }
 
-/// Of a panel, with the axes that it shows.
+/// Draws the frame of a panel with the names of its axes.
 pub(super) fn frame(area: &Area<'_>, panel: i32, sides: [usize; 2]) -> Drawn {
     let left = panel * PANEL;
     let frame = [(left + 4, 4), (left + PANEL - 4, PANEL - 4)];
@@ -134,7 +136,7 @@ pub(super) fn frame(area: &Area<'_>, panel: i32, sides: [usize; 2]) -> Drawn {
     Ok(())
 }
 
-/// A line with a head; up is positive.
+/// Draws a line with an arrowhead; y is positive upwards.
 fn drawn(area: &Area<'_>, from: (i32, i32), [x, y]: [f64; 2], colour: RGBColor) -> Drawn {
     let length = x.hypot(y);
     if length < 1.0 {

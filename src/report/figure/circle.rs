@@ -10,11 +10,11 @@ use super::{chart, finite_or_zero, picture};
 use crate::report::number;
 use machine::record::estimate::CircleFigure;
 
-/// The plot itself is square, so that a circle is one.
+/// Side of the plot, which is square so that circles are not distorted.
 const PLOT: u32 = 744;
 const SIZE: (u32, u32) = (Y_LABELS + PLOT + 3 * MARGIN, X_LABELS + PLOT + 2 * MARGIN);
 
-/// `None` if the circle is not finite.
+/// Draws the figure; `None` if the circle is not finite.
 pub(in crate::report) fn circle(figure: &CircleFigure) -> Option<String> {
     let [x, y] = figure.centre;
     let [ux, uy] = figure.centre_expanded.map(finite_or_zero);
@@ -41,7 +41,7 @@ pub(in crate::report) fn circle(figure: &CircleFigure) -> Option<String> {
     })
 }
 
-/// Half the width of a square about the centre that holds everything.
+/// Half the side of the smallest square about the centre that contains everything.
 fn half_width(figure: &CircleFigure, points: &[(f64, f64)]) -> Option<f64> {
     let [x, y] = figure.centre;
     if !(x.is_finite() && y.is_finite() && figure.radius.is_finite()) {

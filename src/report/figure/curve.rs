@@ -33,7 +33,7 @@ pub(super) fn curve(function: &Function, samples: &[Sample]) -> Option<String> {
     })
 }
 
-/// Of the axes, with their units.
+/// Names of both axes with their units.
 pub(super) fn names(function: &Function) -> (String, String) {
     let x_name = match function.argument_unit.as_str() {
         "" => function.argument.clone(),
@@ -43,7 +43,7 @@ pub(super) fn names(function: &Function) -> (String, String) {
     (x_name, format!("{} / {unit}", number::plain_symbol(&function.symbol)))
 }
 
-/// A full turn in steps of 45° for angles, otherwise round steps over what is there.
+/// The x axis: a full turn in steps of 45° for angles, otherwise round steps over the data.
 fn x_axis(function: &Function, samples: &[Sample]) -> Option<Ticked> {
     let (first, last) = bounds(samples.iter().map(|sample| sample.x))?;
     let (low, high) = if last > first { (first, last) } else { widened((first, last)) };

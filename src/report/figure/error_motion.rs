@@ -5,17 +5,18 @@ use nalgebra::{Matrix3, Vector3};
 use super::Sample;
 use super::scale::bounds;
 
-/// About which centre the value of an error motion is taken (ISO 230-7).
+/// Centre about which the value of an error motion is taken (ISO 230-7).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(in crate::report) enum MotionCentre {
-    /// Of the least-squares circle. Radial and tilt error motions: their first harmonic is an offset.
+    /// Least-squares circle centre, for radial and tilt error motions: their first harmonic is an offset.
     LeastSquares,
-    /// Of the polar chart. Axial error motion and angular positioning: their first harmonic is a motion.
+    /// Polar chart centre, for axial error motion and angular positioning: their first harmonic is a motion.
     Chart,
 }
 
 impl MotionCentre {
-    /// Of the error motion with this symbol, `EXC` to `ECC` of a rotary axis; `None` of any other function.
+    /// Centre for the error motion with this symbol, `EXC` to `ECC` of a rotary axis; `None` for any other
+    /// function.
     pub(in crate::report) fn of(symbol: &str) -> Option<Self> {
         let &[b'E', component, axis] = symbol.as_bytes() else { return None };
         let along = match axis {
@@ -32,19 +33,19 @@ impl MotionCentre {
     }
 }
 
-/// Two circles of one centre that just enclose the curve and are just enclosed by it. Error motions are small
-/// against the radius at which a chart draws them: a circle about the centre (x, y) is the curve
-/// radius + x·cos θ + y·sin θ (a limaçon), which does not depend on the radius that the chart chooses.
+/// The two concentric circles that just contain the curve and are just contained in it. Error motions are small
+/// against the radius at which a chart draws them: a circle about the centre (x, y) is the curve radius + x·cos
+/// θ + y·sin θ (a limaçon), which does not depend on the radius that the chart chooses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(in crate::report) struct MotionCircles {
-    /// From the centre of the chart, in the unit of the function.
+    /// Centre of the circles, from the centre of the chart, in the unit of the function.
     pub centre: [f64; 2],
     pub inner: f64,
     pub outer: f64,
 }
 
 impl MotionCircles {
-    /// `None`: too few angles for the centre.
+    /// The circles of a curve; `None`: too few angles for the centre.
     pub(super) fn new(samples: &[Sample], about: MotionCentre) -> Option<Self> {
         let centre = match about {
             MotionCentre::LeastSquares => least_squares_centre(samples)?,
@@ -61,7 +62,8 @@ impl MotionCircles {
         self.outer - self.inner
     }
 
-    /// How much farther out than about the centre of the chart a circle is at an angle.
+    /// Difference at an angle between a circle about this centre and the same circle about the centre of the
+    /// chart.
     pub(super) fn offset(&self, degrees: f64) -> f64 {
         let (sin, cos) = degrees.to_radians().sin_cos();
         self.centre[0] * cos + self.centre[1] * sin
@@ -74,7 +76,7 @@ fn least_squares_centre(samples: &[Sample]) -> Option<[f64; 2]> {
         let turns = (sample.x - samples[0].x) / 360.0;
         turns > 0.0 && turns.fract() == 0.0
     };
-    // A closed curve holds its first angle twice.
+    // A closed curve contains its first angle twice.
     let once = samples.len() - usize::from(samples.last().as_ref().is_some_and(is_first_again));
     let mut normal = Matrix3::zeros();
     let mut right = Vector3::zeros();
@@ -84,7 +86,7 @@ fn least_squares_centre(samples: &[Sample]) -> Option<[f64; 2]> {
         normal += row * row.transpose();
         right += row * sample.y;
     }
-    // Two angles, or all the same: the matrix is singular but for rounding.
+    // With only two different angles the matrix is singular except for rounding.
     let is_regular = normal.determinant() > 1e-9 * (once as f64).powi(3);
     let solution = is_regular.then(|| normal.try_inverse()).flatten()? * right;
     Some([solution.y, solution.z])
@@ -97,7 +99,7 @@ mod tests {
     use super::MotionCentre;
     use machine::record::estimate::{FigureKind, Function};
 
-    /// Whole revolutions in steps of 5°.
+    /// A function over whole revolutions in steps of 5°.
     fn of_angle(symbol: &str, revolutions: u32, value: impl Fn(f64) -> f64) -> Function {
         let x: Vec<f64> = (0..=72 * revolutions).map(|n| f64::from(5 * n)).collect();
         let y: Vec<f64> = x.iter().map(|x| value(x.to_radians())).collect();
@@ -135,13 +137,13 @@ mod tests {
             unequal.y.remove(12);
         });
         let (_, circles) = error_motion(&Function { u: vec![0.0; 43], ..unequal }).unwrap();
-        // The lobes are not orthogonal to the circle any more.
+        // At unequal angles the lobes are not orthogonal to the circle.
         assert!((circles.centre[0] - 1.5).abs() < 0.3 && circles.value() >= 1.2 - 1e-9);
         let one_angle = Function { x: vec![45.0; 8], ..wave(FigureKind::Polar, 8) };
         assert_eq!(error_motion(&Function { symbol: "EXC".to_owned(), ..one_angle }), None);
     }
 
-    /// cos θ + 0.6·cos 3θ: rings from −2 to 2 µm, 60 units apart; the centre is 1 µm to the right.
+    /// For cos θ + 0.6·cos 3θ the rings are from −2 to 2 µm, 60 units apart; the centre is 1 µm to the right.
     #[test]
     fn the_circles_of_an_error_motion_touch_the_curve() {
         let motion = of_angle("EYC", 1, |turn| turn.cos() + 0.6 * (3.0 * turn).cos());
@@ -162,13 +164,14 @@ mod tests {
         assert!(inside(&svg));
     }
 
-    /// Half a sine over each revolution: drawn on over the second one, and back to the first angle.
+    /// Half a sine over each revolution: the curve continues over the second revolution and closes at the first
+    /// angle.
     #[test]
     fn a_curve_of_two_revolutions_is_closed_after_the_second() {
         let svg = function(&of_angle("EXC", 2, |turn| (turn / 2.0).sin()), 2.0).unwrap();
         let curve = svg.lines().find(|line| line.contains("stroke-width=\"4\"")).unwrap();
         let points = coordinates(curve).len() / 2;
-        // 144 steps of 5° in chords of at most 2°, each with both ends; 720° is where it closes.
+        // 144 steps of 5° in chords of at most 2°, each with both ends; the curve closes at 720°.
         assert_eq!(points, 144 * 4 + 2);
         assert!(inside(&svg));
     }

@@ -1,5 +1,5 @@
-//! How often which value occurs, beside the normal distribution of the same mean and scatter; of values that are never
-//! negative, such as lengths, without it.
+//! Histogram of values, with the normal distribution of the same mean and standard deviation. For values that
+//! are never negative, such as lengths, the normal distribution is left out.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +11,7 @@ use crate::report::number;
 use machine::record::estimate::Function;
 
 const SIZE: (u32, u32) = (1400, 640);
-/// More columns than this say nothing more.
+/// Maximum number of columns; more would show no further detail.
 const MOST_COLUMNS: f64 = 60.0;
 
 pub(super) fn histogram(function: &Function, samples: &[Sample]) -> Option<String> {
@@ -48,8 +48,8 @@ struct Columns {
 }
 
 impl Columns {
-    /// Of a round width, by the rule of Freedman and Diaconis (1981): twice the distance of the
-    /// quartiles over the cube root of the count.
+    /// Columns of a round width, by the rule of Freedman and Diaconis (1981): twice the interquartile range
+    /// over the cube root of the count.
     fn of(values: &[f64]) -> Option<Self> {
         let mut sorted = values.to_vec();
         sorted.sort_by(f64::total_cmp);
@@ -57,7 +57,7 @@ impl Columns {
         let at = |quarter: usize| sorted.get(quarter * (sorted.len() - 1) / 4).copied();
         let wanted = 2.0 * (at(3)? - at(1)?) / (sorted.len() as f64).cbrt();
         let least = (high - low) / MOST_COLUMNS;
-        // Where all are alike there is one column.
+        // Equal values give one column.
         let alike = if low == 0.0 { 1.0 } else { 1e-3 * low.abs() };
         let width = [wanted.max(least), alike].into_iter().find(|width| *width > 0.0)?;
         let width = round_step(width);
@@ -76,7 +76,7 @@ impl Columns {
         self.first + self.width * number as f64
     }
 
-    /// Expected counts of a column about each place.
+    /// Expected count of a column centred at each position.
     fn normal(&self, values: &[f64]) -> Vec<(f64, f64)> {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
@@ -107,7 +107,7 @@ mod tests {
         assert_eq!((columns.first, columns.width), (0.0, 1.0));
         assert_eq!(columns.counts, [3, 4, 1]);
         let normal = columns.normal(&values);
-        // Over all of it nearly the whole normal distribution, whose tails are not drawn.
+        // The range covers nearly the whole normal distribution; its tails are not drawn.
         let step = 3.0 / 200.0;
         let area: f64 = normal.iter().map(|(_, count)| count * step).sum();
         assert!((6.9..7.9).contains(&area), "{area}");

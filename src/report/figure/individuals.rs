@@ -1,5 +1,5 @@
-//! Single values over time with their uncertainties: control limits from the values before, steps marked,
-//! the tolerance, and below them how warm it was.
+//! Chart of individual values over time with their uncertainties: control limits from the values before, marked
+//! steps, the tolerance, and the temperatures below.
 
 use plotters::prelude::*;
 
@@ -12,42 +12,42 @@ use machine::record::estimate::Unit;
 
 const SIZE: (u32, u32) = (1400, 560);
 
-/// Lines of the tolerance that would make the picture so many times as high are left to the legend: there
-/// would be nothing to see of the values.
+/// Maximum ratio of the picture's value range with a tolerance line to the range without it. Beyond it, the
+/// line is only named in the legend, as the values would be too small to see.
 const MOST_HIGH: f64 = 4.0;
 
-/// A chart of one value; times in seconds before now, negative.
+/// Chart of one parameter; times in seconds before now, negative.
 #[derive(Debug, Clone, Default)]
 pub struct Individuals {
     pub symbol: String,
-    /// Time, value, expanded uncertainty; in order.
+    /// Time, value and expanded uncertainty, in order of time.
     pub values: Vec<[f64; 3]>,
-    /// Lower limit, centre, upper limit; they hold from the value of this index on.
+    /// Lower limit, centre and upper limit, and the index of the first value for which they are valid.
     pub limits: Option<([f64; 3], usize)>,
-    /// The value's magnitude may be this at most.
+    /// Maximum magnitude of the value.
     pub tolerance: Option<f64>,
-    /// Times at which it stepped.
+    /// Times of the steps.
     pub steps: Vec<f64>,
     pub temperatures: Temperatures,
 }
 
-/// So many seconds are one of it.
+/// Units of time with their lengths in seconds.
 const SPANS: [(f64, &str); 4] =
     [(86_400.0, "days"), (3600.0, "hours"), (60.0, "minutes"), (1.0, "seconds")];
 
-/// What is drawn, and on which scales.
+/// Data of the chart with its scales.
 struct Scaled {
     samples: Vec<Sample>,
     /// First and last time, in units of `scale` seconds.
     time: (f64, f64),
     scale: f64,
     value: (f64, f64),
-    /// Those lines of the tolerance that are in the picture.
+    /// Tolerance lines inside the picture.
     tolerance: Vec<f64>,
 }
 
 impl Individuals {
-    /// `None` without a finite value.
+    /// Draws the chart; `None` without a finite value.
     pub fn draw(&self, unit: Unit) -> Option<String> {
         let (scale, word) = self.span();
         let scaled = self.scaled(scale)?;
@@ -81,7 +81,7 @@ impl Individuals {
         let most = MOST_HIGH * (high - low).max(f64::MIN_POSITIVE);
         let mut tolerance: Vec<f64> =
             self.tolerance.iter().flat_map(|limit| [-limit, *limit]).collect();
-        // The nearer one first: it may be the only one that there is room for.
+        // The nearer line first: there may be room for one only.
         let middle = (low + high) / 2.0;
         tolerance.sort_by(|one, other| (one - middle).abs().total_cmp(&(other - middle).abs()));
         tolerance.retain(|line| {
@@ -96,7 +96,7 @@ impl Individuals {
         Some(Scaled { samples, time, scale, value: widened((low, high)), tolerance })
     }
 
-    /// The legend.
+    /// Entries of the legend.
     fn told(&self, unit: Unit, drawn: &[f64]) -> Vec<(Piece, String)> {
         let mut told = Vec::new();
         told.extend(self.limits.map(|_| (Piece::Band, "control limits".to_owned())));
@@ -143,7 +143,7 @@ impl Individuals {
         Ok(())
     }
 
-    /// The greatest of which there are at least two.
+    /// Largest unit of time of which the chart covers at least two.
     fn span(&self) -> (f64, &'static str) {
         let [first, last] = [self.values.first(), self.values.last()]
             .map(|value| value.map_or(0.0, |[t_s, ..]| *t_s));
@@ -196,7 +196,7 @@ mod tests {
         attributes(line, "points")[0].split_whitespace().filter_map(pair).collect()
     }
 
-    /// Lines of this colour and width that go across below the legend, each with its height in the picture.
+    /// Horizontal lines of this colour and width below the legend: both ends and the height in the picture.
     fn across(svg: &str, colour: &str, width: u32) -> Vec<[f64; 3]> {
         let (colour, width) = (format!("stroke=\"{colour}\""), format!("stroke-width=\"{width}\""));
         let lines = svg.lines().filter(|line| line.contains("<polyline"));
@@ -218,7 +218,7 @@ mod tests {
         }
     }
 
-    /// The control limits, known to lie at -1, 0.5 and 2, are the ruler for the tolerance.
+    /// The control limits, at -1, 0.5 and 2 by construction, give the scale for the tolerance.
     #[test]
     fn the_tolerance_is_dashed_and_lies_where_it_is_stated() {
         let svg = days(Some(3.25)).draw(Unit::Um).unwrap();
@@ -233,7 +233,7 @@ mod tests {
             let y = lower - (limit + 1.0) * per_um;
             let of_line: Vec<_> = dashes.iter().filter(|dash| (dash[2] - y).abs() <= 2.0).collect();
             assert!(of_line.len() > 10, "{limit}: {y} {dashes:?}");
-            // Pieces with gaps between them, not one line.
+            // Dashes with gaps between them, not one line.
             assert!(of_line.windows(2).all(|pair| pair[1][0] - pair[0][1] > 10.0), "{of_line:?}");
         }
         assert!(dashes.iter().all(|dash| dash[1] - dash[0] <= 41.0), "{dashes:?}");
@@ -241,7 +241,8 @@ mod tests {
         assert!(across(&without, "#22262B", 4).is_empty() && !without.contains("tolerance"));
     }
 
-    /// Values of one or two µm: a tolerance of a millimetre is told, and the values are still to be seen.
+    /// For values of one or two µm, a tolerance of a millimetre is named in the legend, and the values stay
+    /// visible.
     #[test]
     fn a_tolerance_far_away_is_told_in_words() {
         let svg = days(Some(1000.0)).draw(Unit::Um).unwrap();
@@ -258,7 +259,8 @@ mod tests {
         assert!(!across(&svg, "#22262B", 4).is_empty());
     }
 
-    /// The fourth and fifth run know nothing of the spindle: its curve is two pieces, with no mark between.
+    /// The fourth and fifth run have no temperature of the spindle: its curve has two pieces without a mark
+    /// between them.
     #[test]
     fn temperatures_lie_below_over_the_same_time_and_with_gaps() {
         let chart = days(None);
@@ -285,7 +287,7 @@ mod tests {
             lines.filter(|line| line.len() > 2 && line.iter().all(|[_, y]| *y > below)).collect();
         let lengths: Vec<_> = curves.iter().map(Vec::len).collect();
         assert_eq!(lengths, [3, 5, 10]);
-        // Below the values of the same runs, one kelvin as high as the next.
+        // Each mark is below the value of the same run, and the temperature axis is linear.
         for (curve, first) in curves.iter().zip([0, 5, 0]) {
             for ([x, _], dot) in curve.iter().zip(&dots[first..]) {
                 assert!((x - dot).abs() <= 1.0, "{curve:?} {dots:?}");

@@ -1,35 +1,35 @@
-//! What the lines of a figure are, in words beside a piece of each.
+//! Plot legend: a sample of each line with its name.
 
 use plotters::prelude::*;
 
 use super::{Area, Drawn, FIT, GRID, INK, LINE, text_style};
 
-/// Height of the row.
+/// Height of the legend row.
 pub(super) const ROW: u32 = 56;
 const FONT: f64 = 30.0;
-/// A piece is so long, and so far from its words; behind them comes the next.
+/// Length of a line sample, and gap between the sample and its name.
 const PIECE: i32 = 70;
 const GAP: i32 = 14;
-/// A letter is about so wide, as a share of the font's size.
+/// Mean width of a letter, as a share of the font size.
 const LETTER: f64 = 0.54;
 const MARKER: i32 = 9;
 /// Opacity of a shaded area.
 pub(super) const SHADE: f64 = 0.6;
-/// Of a dashed line.
+/// Length and gap of the dashes of a line.
 pub(super) const DASH: (i32, i32) = (40, 24);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Piece {
-    /// Between two lines.
+    /// Band between two lines.
     Band,
     Shaded,
     Dashed,
     Upright,
-    /// Of the thermometer of this number.
+    /// Marker of the thermometer with this number.
     Marker(usize),
 }
 
-/// One row, from `left` on.
+/// Draws one row that begins at `left`.
 pub(super) fn row(area: &Area<'_>, left: u32, told: &[(Piece, String)]) -> Drawn {
     let (mut x, middle) = (left as i32, ROW as i32 / 2);
     for (piece, words) in told {
@@ -73,7 +73,7 @@ fn draw(area: &Area<'_>, piece: Piece, (x, y): (i32, i32)) -> Drawn {
     Ok(())
 }
 
-/// Of the thermometer of this number, at a place of `area`: told apart by their shapes.
+/// Draws the marker of the thermometer with this number; markers differ in shape.
 pub(super) fn marker(area: &Area<'_>, number: usize, at: (i32, i32)) -> Drawn {
     match number % 4 {
         0 => area.draw(&TriangleMarker::new(at, MARKER + 3, LINE.filled()))?,

@@ -1,4 +1,4 @@
-//! Maps of values over two axes, cell by cell, all at one scale of colour.
+//! Maps of values over two axes, cell by cell, all with one colour scale.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -6,7 +6,7 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use super::{Area, Drawn, FIT, GRID, picture, text_style};
 use crate::report::number;
 
-/// A square field of cells, with room for the names of its rows and columns.
+/// Side of the square field of cells, and margins for the names of its rows and columns.
 const FIELD: i32 = 560;
 const LEFT: i32 = 120;
 const TOP: i32 = 56;
@@ -15,14 +15,14 @@ const RIGHT: i32 = 8;
 const SIZE: (u32, u32) = ((LEFT + FIELD + RIGHT) as u32, (TOP + FIELD + FOOT) as u32);
 const FONT: f64 = 24.0;
 
-/// Values of a slice in µm.
+/// Values of a slice, in µm.
 #[derive(Debug, Clone)]
 pub struct ErrorMap {
     pub title: String,
-    /// Name of the axis with its unit, and its positions: from left to right, and upwards.
+    /// Name of the axis with its unit, and its positions, from left to right and upwards.
     pub across: (String, Vec<f64>),
     pub up: (String, Vec<f64>),
-    /// Name and values, row by row upwards.
+    /// Name and values of each panel, row by row upwards.
     pub panels: [(String, Vec<Vec<f64>>); 2],
 }
 
@@ -32,7 +32,7 @@ impl ErrorMap {
         values.copied().filter(|value| value.is_finite()).fold(0.0, f64::max)
     }
 
-    /// Each panel; `largest` has the full colour. `None` without a cell.
+    /// Draws each panel; the value `largest` has the full colour. `None` without a cell.
     pub(in crate::report) fn draw(&self, largest: f64) -> [Option<String>; 2] {
         let is_empty = self.across.1.is_empty() || self.up.1.is_empty() || largest <= 0.0;
         self.panels.each_ref().map(|(name, rows)| {
@@ -44,7 +44,7 @@ impl ErrorMap {
         })
     }
 
-    /// Edges of a column or a row.
+    /// Position of the n-th edge of columns or rows.
     fn edge(n: usize, of: usize) -> i32 {
         (f64::from(FIELD) * n as f64 / of as f64).round() as i32
     }
@@ -71,7 +71,7 @@ impl ErrorMap {
         Ok(())
     }
 
-    /// Of the panel above it, of rows at the left and of columns below.
+    /// Draws the names: of the panel above it, of rows on the left and of columns below.
     fn names(&self, area: &Area<'_>, name: &str) -> Drawn {
         let style = |h, v| text_style(FONT).pos(Pos::new(h, v));
         let above = (LEFT, TOP - 14);

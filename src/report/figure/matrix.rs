@@ -1,4 +1,4 @@
-//! A correlation matrix: how much two results depend on each other, by colour.
+//! Correlation matrix: the correlation of two results as a colour.
 
 use plotters::prelude::*;
 use plotters::style::FontTransform;
@@ -8,23 +8,23 @@ use super::{Area, Drawn, FIT, GRID, LINE, picture, text_style};
 use crate::report::number;
 use machine::record::estimate::Covariance;
 
-/// Fewer need no picture, more cannot be read.
+/// Numbers of results with a picture: fewer need none, more cannot be read.
 const DRAWN: std::ops::RangeInclusive<usize> = 3..=60;
 const SIDE: i32 = 1500;
-/// A name takes so much of its own font size for each letter.
+/// Mean width of a letter, as a share of the font size.
 const LETTER: f64 = 0.56;
-/// Cells paler than this are left out.
+/// Minimum magnitude of a coefficient whose cell is drawn.
 const PALE: f64 = 0.02;
 const KEY: i32 = 110;
 
-/// The coefficient of correlation of `i` and `j`, −1 to 1; `None` where either has no variance.
+/// Correlation coefficient of `i` and `j`, −1 to 1; `None` if one of them has no variance.
 pub(in crate::report) fn correlation(covariance: &Covariance, i: usize, j: usize) -> Option<f64> {
     let at = |i: usize, j: usize| covariance.rows.get(i)?.get(j).copied();
     let coefficient = at(i, j)? / (at(i, i)? * at(j, j)?).sqrt();
     coefficient.is_finite().then(|| coefficient.clamp(-1.0, 1.0))
 }
 
-/// `None` unless there are 3 to 60 names.
+/// Draws the matrix; `None` unless there are 3 to 60 names.
 pub(in crate::report) fn matrix(covariance: &Covariance) -> Option<String> {
     let names: Vec<String> = covariance.symbols.iter().map(|s| number::plain_symbol(s)).collect();
     DRAWN.contains(&names.len()).then_some(())?;
@@ -41,7 +41,7 @@ pub(in crate::report) fn matrix(covariance: &Covariance) -> Option<String> {
 }
 
 struct Layout {
-    /// Where the cells begin, from the left and from the top.
+    /// Left and top position of the cells.
     begin: i32,
     cell: f64,
     font: f64,
@@ -62,7 +62,7 @@ impl Layout {
         self.begin + (n as f64 * self.cell).round() as i32
     }
 
-    /// At the left of its row and above its column.
+    /// Draws a name to the left of its row and above its column.
     fn name(&self, area: &Area<'_>, n: usize, name: &str) -> Drawn {
         let middle = (self.edge(n) + self.edge(n + 1)) / 2;
         let before = self.begin - (0.35 * self.font) as i32;
@@ -85,7 +85,7 @@ impl Layout {
         Ok(())
     }
 
-    /// The colours and what they mean, below.
+    /// Draws the colour scale with its labels below the matrix.
     fn key(&self, area: &Area<'_>) -> Drawn {
         let (top, wide) = (SIDE - 66, 64);
         let style = text_style(30.0).pos(Pos::new(HPos::Center, VPos::Center));
@@ -102,7 +102,7 @@ impl Layout {
     }
 }
 
-/// One colour for either sign, the deeper the stronger.
+/// Draws a tile: one colour per sign, more opaque for a larger magnitude.
 fn tile(area: &Area<'_>, corners: [(i32, i32); 2], value: f64) -> Drawn {
     if value.abs() >= PALE {
         let colour = if value < 0.0 { LINE } else { FIT };

@@ -1,4 +1,4 @@
-//! Figures as SVG text, one kind a file. Sizes are in SVG units; the page scales them.
+//! Figures as SVG text, one kind per file. Sizes are in SVG units; the page scales them.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -32,7 +32,7 @@ pub use map::ErrorMap;
 pub(super) use matrix::{correlation, matrix};
 pub use strip::Temperatures;
 
-/// Colours by their role; the page's style sheet replaces them by these very values in the dark.
+/// Colours by their role; the page's style sheet replaces these exact values in dark mode.
 const INK: RGBColor = RGBColor(0x22, 0x26, 0x2B);
 const GRID: RGBColor = RGBColor(0xD5, 0xD9, 0xDE);
 const LINE: RGBColor = RGBColor(0x1F, 0x6F, 0xB2);
@@ -42,7 +42,7 @@ const FONT: f64 = 36.0;
 const MARGIN: u32 = 24;
 const X_LABELS: u32 = 96;
 const Y_LABELS: u32 = 140;
-/// Points are marked up to this number; more of them would hide the line.
+/// Maximum number of points with marks; more marks would hide the line.
 const MAX_MARKS: usize = 100;
 
 /// A point of a function: argument, value, half-width of the uncertainty band.
@@ -53,7 +53,7 @@ struct Sample {
     half: f64,
 }
 
-/// Draw `function` as its kind of figure, with the band ±`k`·u. `None` if it has no finite value.
+/// Draws `function` as its kind of figure, with the band ±`k`·u. `None` if it has no finite value.
 pub(super) fn function(function: &Function, k: f64) -> Option<String> {
     let samples = samples(function, k);
     match function.figure {
@@ -67,7 +67,7 @@ pub(super) fn function(function: &Function, k: f64) -> Option<String> {
     }
 }
 
-/// Of a polar figure of an error motion.
+/// Centre and circles of a polar figure of an error motion.
 pub(super) fn error_motion(function: &Function) -> Option<(MotionCentre, MotionCircles)> {
     let is_polar = function.figure == FigureKind::Polar;
     is_polar.then(|| motion_circles(function, &samples(function, 0.0))).flatten()
@@ -81,7 +81,7 @@ fn motion_circles(
     Some((centre, MotionCircles::new(samples, centre)?))
 }
 
-/// Its finite values.
+/// Finite values of the function.
 fn samples(function: &Function, k: f64) -> Vec<Sample> {
     let points = function.x.iter().zip(&function.y);
     points
@@ -98,8 +98,8 @@ fn finite_or_zero(value: f64) -> f64 {
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Drawn = Result<(), Box<dyn std::error::Error>>;
 
-/// Let `draw` fill a picture; the result has no size of its own, so that the page can scale it.
-/// `None` only if the drawing library fails, which writing to memory gives no cause for.
+/// Draws a picture by `draw`. The result has no size of its own, so that the page can scale it. `None` only if
+/// the drawing library fails, which is not expected when it writes to memory.
 fn picture(
     (width, height): (u32, u32),
     draw: impl for<'a> FnOnce(&Area<'a>) -> Drawn,

@@ -1,5 +1,4 @@
-//! Where places were to be and where they were found, the deviations magnified: three views of
-//! each group.
+//! Commanded and measured positions with magnified deviations: three views of each group.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -8,11 +7,11 @@ use super::arrows::{Common, FOOT, PANEL, SIZE, VIEWS, drawable, frame};
 use super::{Area, Drawn, FIT, FONT, INK, LINE, picture, text_style};
 use machine::record::estimate::{Arrow, Arrows};
 
-/// What stands for what, with its place in the picture's foot.
+/// Names in the legend, with their positions at the foot of the picture.
 const KEY: [(&str, i32); 3] = [("commanded", 320), ("measured", 580), ("model", 810)];
 
 impl Common {
-    /// One group as [`Common::draw`] has it; the places joined in their order, and round.
+    /// Draws one group as [`Common::draw`] does, and joins the positions in their order to a closed path.
     pub(in crate::report) fn draw_path(&self, group: &Arrows) -> Option<String> {
         picture(SIZE, |area| {
             for (panel, sides) in VIEWS {
@@ -48,7 +47,7 @@ impl Common {
         })
     }
 
-    /// In the picture; `None` where there is no finite vector.
+    /// Position in the picture; `None` if the vector is not finite.
     fn at(
         &self,
         panel: i32,
@@ -78,7 +77,7 @@ impl Common {
     }
 }
 
-/// Commanded, measured, model.
+/// Marks of the commanded, measured and modelled positions.
 fn marks(area: &Area<'_>, places: [Option<(i32, i32)>; 3], flagged: bool) -> Drawn {
     let [commanded, measured, modelled] = places;
     if let Some(at) = commanded {
@@ -102,7 +101,7 @@ mod tests {
     use super::*;
     use machine::record::estimate::{ArrowFigure, Unit, VectorKind};
 
-    /// Two places 200 mm apart in X; the longest deviation, 40 µm, is 80 long.
+    /// Two positions 200 mm apart in X; the longest deviation, 40 µm, is drawn 80 units long.
     #[test]
     fn places_are_found_where_the_magnified_deviation_leads() {
         let arrow = |x: f64, vector, modelled| Arrow {
@@ -120,7 +119,7 @@ mod tests {
         let (symbol, figure) = ("deviation".to_owned(), VectorKind::Paths);
         let mut figure = ArrowFigure { symbol, unit: Unit::Um, groups, figure };
         let common = Common::of(&figure).unwrap();
-        // 80 per 0.040 mm against 140 per 100 mm.
+        // 80 units per 0.040 mm against 140 units per 100 mm.
         assert!((common.magnified(Unit::Um).unwrap() - 80.0 / 0.040 / 1.4).abs() < 1e-6);
         assert_eq!(common.magnified(Unit::Urad), None);
         let svg = common.draw_path(&figure.groups[0]).unwrap();
@@ -134,7 +133,7 @@ mod tests {
         let measured = [["190", "250"], ["390", "230"], ["690", "250"], ["890", "190"]];
         assert_eq!(rings("9")[..4], measured);
         assert_eq!(rings("9")[4..6], [["1250", "250"], ["1270", "190"]]);
-        // The model at one place in each panel, and in the key.
+        // The model at one position in each panel, and in the legend.
         assert_eq!(svg.matches("<polygon").count(), 3 + 1 + 1, "{svg}");
         assert!(inside(&svg) && svg.contains("commanded"));
         figure.groups[0].arrows[0].vector[1] = f64::NAN;

@@ -1,4 +1,4 @@
-//! Single values over a number, each with its uncertainty: nothing lies between them.
+//! Single values over a number, each with its uncertainty, without a line between them.
 
 use plotters::prelude::*;
 

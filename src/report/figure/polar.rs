@@ -1,4 +1,4 @@
-//! A function of an angle, drawn around a circle: 0° to the right, counter-clockwise.
+//! A function of an angle in a polar chart: 0° is to the right, angles count counter-clockwise.
 
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
@@ -12,14 +12,14 @@ use machine::record::estimate::Function;
 const SIDE: u32 = 900;
 const CENTRE: i32 = 450;
 const OUTER: f64 = 360.0;
-/// The least value stands at this radius: deviations are magnified, not the part.
+/// Radius of the smallest value: the chart magnifies the deviations, not the part.
 const INNER: f64 = 120.0;
-/// Arcs are drawn as chords of this many degrees.
+/// Maximum angle of a chord that approximates an arc, degrees.
 const CHORD: f64 = 2.0;
 /// Half the length of the mark of a centre.
 const CROSS: i32 = 18;
 
-/// From values to the picture.
+/// Scale from values to radii in the picture.
 struct Scale {
     low: f64,
     high: f64,
@@ -72,7 +72,7 @@ pub(super) fn polar(
     let outline = |offset: f64| around(samples, |s| scale.point(s.x, s.y + offset * s.half));
     picture((SIDE, SIDE), |area| {
         rings(area, &scale)?;
-        // One ring-shaped area: out along the upper bound, back along the lower.
+        // One ring-shaped area: along the upper bound, and back along the lower.
         let band: Vec<_> =
             outline(1.0).into_iter().chain(outline(-1.0).into_iter().rev()).collect();
         area.draw(&Polygon::new(band, LINE.mix(BAND)))?;
@@ -87,7 +87,7 @@ pub(super) fn polar(
     })
 }
 
-/// Both circles, and a cross at their centre.
+/// Draws both circles, and a cross at their centre.
 fn motion_circles(area: &Area<'_>, scale: &Scale, circles: &MotionCircles) -> Drawn {
     for value in [circles.inner, circles.outer] {
         let degrees = (0..=180).map(|n| f64::from(n) * CHORD);
@@ -121,7 +121,7 @@ fn rings(area: &Area<'_>, scale: &Scale) -> Drawn {
     Ok(())
 }
 
-/// Above all curves.
+/// Draws the labels of the rings, above all curves.
 fn ring_labels(area: &Area<'_>, scale: &Scale, unit: &str) -> Drawn {
     let style = text_style(0.9 * FONT).pos(Pos::new(HPos::Left, VPos::Center));
     for value in scale.rings() {
@@ -133,7 +133,7 @@ fn ring_labels(area: &Area<'_>, scale: &Scale, unit: &str) -> Drawn {
 
 /// The closed outline through `samples`, along arcs instead of chords.
 fn around(samples: &[Sample], point: impl Fn(Sample) -> (i32, i32)) -> Vec<(i32, i32)> {
-    // The last angle may be beyond one revolution, or back at the first.
+    // The last angle may be beyond one revolution, or equal to the first.
     let turns = |x: f64| (x - samples[0].x) / 360.0;
     let end = 360.0 * samples.last().map_or(0.0, |last| turns(last.x).round());
     let first = samples.first().map(|first| Sample { x: first.x + end, ..*first });

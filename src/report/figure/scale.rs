@@ -7,10 +7,10 @@ use plotters::coord::types::RangedCoordf64;
 
 use crate::report::number;
 
-/// So many steps of ticks at most.
+/// Maximum number of tick intervals.
 const STEPS: f64 = 8.0;
 
-/// A straight axis with a tick at every whole multiple of `step`.
+/// A straight axis with a tick at every multiple of `step`.
 #[derive(Clone)]
 pub(super) struct Ticked {
     inner: RangedCoordf64,
@@ -22,12 +22,12 @@ impl Ticked {
         Self { inner: range.into(), step }
     }
 
-    /// With the finest round step that is not too fine.
+    /// An axis with the finest round step that gives at most [`STEPS`] intervals.
     pub(super) fn round(range: Range<f64>) -> Self {
         Self::every(round_step((range.end - range.start) / STEPS), range)
     }
 
-    /// For an axis that is a third as long.
+    /// As [`Self::round`], with half the number of intervals, for a shorter axis.
     pub(super) fn coarse(range: Range<f64>) -> Self {
         Self::every(round_step((range.end - range.start) / (STEPS / 2.0)), range)
     }
@@ -48,7 +48,7 @@ impl Ranged for Ticked {
     fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
         let Range { start, end } = self.range();
         let (first, last) = ((start / self.step).ceil(), (end / self.step).floor());
-        // An axis so narrow that its numbers differ in their last digits only has no ticks.
+        // An axis is too narrow for ticks if its numbers differ in their last digits only.
         let count = (last - first).clamp(-1.0, 2.0 * STEPS) as i32;
         (0..=count).map(|n| (first + f64::from(n)) * self.step).collect()
     }
@@ -58,7 +58,7 @@ impl Ranged for Ticked {
     }
 }
 
-/// A number on an axis with ticks `step` apart.
+/// Text of a number on an axis with ticks `step` apart.
 pub(super) fn label(value: f64, step: f64) -> String {
     number::fixed(value, (-step.log10().floor()).clamp(0.0, 9.0) as usize)
 }
@@ -69,7 +69,7 @@ pub(super) fn round_step(step: f64) -> f64 {
     [1.0, 2.0, 5.0].into_iter().map(|m| m * power).find(|s| *s >= step).unwrap_or(10.0 * power)
 }
 
-/// Least and greatest of `values`; `None` without any.
+/// Minimum and maximum of `values`; `None` without values.
 pub(super) fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     values.fold(None, |bounds, value| {
         let (low, high) = bounds.unwrap_or((value, value));
@@ -77,7 +77,7 @@ pub(super) fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     })
 }
 
-/// The same with room on either side; never empty.
+/// The range with a margin on either side; never empty.
 pub(super) fn widened((low, high): (f64, f64)) -> (f64, f64) {
     let span = high - low;
     let room = if span > 0.0 { 0.08 * span } else { low.abs().max(1.0) };

@@ -9,9 +9,9 @@ use super::{GRID, INK, LINE, Sample, Y_LABELS, curve, picture};
 use machine::record::estimate::Function;
 
 const SIZE: (u32, u32) = (1400, 640);
-/// Ticks of the orders at most.
+/// Maximum number of ticks of the orders.
 const MAX_TICKS: f64 = 16.0;
-/// Half the width of a bar, in orders: at most, and as a share of the distance to the nearest order.
+/// Half the width of a bar, in orders: the maximum, and the share of the distance to the nearest order.
 const MAX_HALF_BAR: f64 = 0.3;
 const HALF_BAR_SHARE: f64 = 0.4;
 
@@ -51,7 +51,8 @@ pub(super) fn spectrum(function: &Function, samples: &[Sample]) -> Option<String
     })
 }
 
-/// Where whole orders from 1 on are missing between those of `orders`, each half an order wide on either side.
+/// Ranges of the missing whole orders from 1 up to the largest of `orders`, extended by half an order on either
+/// side.
 fn lost_orders(orders: &[f64]) -> Vec<[f64; 2]> {
     let whole = orders.iter().copied().filter(|order| *order >= 1.0 && order.fract() == 0.0);
     let with_zero: Vec<f64> = std::iter::once(0.0).chain(whole).collect();
@@ -59,7 +60,7 @@ fn lost_orders(orders: &[f64]) -> Vec<[f64; 2]> {
     gaps.map(|pair| [pair[0] + 0.5, pair[1] - 0.5]).collect()
 }
 
-/// Of the bar at `order`: it touches no bar of another one.
+/// Half the width of the bar at `order`, such that bars do not touch.
 fn half_bar(orders: &[f64], order: f64) -> f64 {
     let distances = orders.iter().map(|other| (other - order).abs());
     let nearest = distances.filter(|distance| *distance > 0.0).fold(f64::INFINITY, f64::min);
@@ -91,7 +92,7 @@ mod tests {
         lines.map(|line| ["x", "y", "width", "height"].map(|name| number(line, name))).collect()
     }
 
-    /// 2 ± 1 µm at each order: a whisker is as long as its bar is high.
+    /// With 2 ± 1 µm at each order, a whisker is as long as its bar is high.
     #[test]
     fn orders_without_an_amplitude_are_shaded() {
         let svg = function(&spectrum(&[0.5, 1.0, 2.0, 6.0, 8.0]), 2.0).unwrap();
@@ -102,11 +103,11 @@ mod tests {
             assert!(((whisker[1] - whisker[3]).abs() - bar[3]).abs() <= 2.0, "{whisker:?} {bar:?}");
             assert!((whisker[0] - bar[0] - bar[2] / 2.0).abs() <= 2.0, "{whisker:?} {bar:?}");
         }
-        // Half an order apart: no bar reaches the next.
+        // Half an order apart: the bars do not touch.
         assert!(bars[0][0] + bars[0][2] < bars[1][0]);
         let shaded = rectangles(&svg, "#D5D9DE");
         let per_order = bars[4][0] - bars[3][0];
-        // The legend, then 2.5 to 5.5, then 6.5 to 7.5.
+        // The legend, then orders 2.5 to 5.5, then 6.5 to 7.5.
         let [_, three, one] = shaded.as_slice() else { panic!("{shaded:?}") };
         assert!(
             (three[2] - 1.5 * per_order).abs() <= 2.0 && (one[2] - per_order / 2.0).abs() <= 2.0

@@ -1,5 +1,5 @@
-//! Temperatures below a chart, over the same time with a scale of their own. Where one is not known its
-//! curve has a gap.
+//! Temperatures below a chart, over the same time with a scale of their own. The curve has a gap where a
+//! temperature is unknown.
 
 use plotters::prelude::*;
 
@@ -7,14 +7,14 @@ use super::legend::{Piece, marker};
 use super::scale::{Ticked, bounds, widened};
 use super::{Area, Drawn, LINE};
 
-/// Of each thermometer its name, and its temperatures at the times of the values, °C.
+/// Name of each thermometer, and its temperatures at the times of the values, °C.
 pub type Temperatures = Vec<(String, Vec<(f64, Option<f64>)>)>;
 
 pub(super) const HEIGHT: u32 = 330;
-/// Less than so many kelvin are not spread over all of it: noise would look like weather.
+/// Minimum range of the temperature scale, K: a smaller range would magnify noise.
 const LEAST_K: f64 = 1.0;
 
-/// The range of the scale; `None` where nothing is known.
+/// Range of the temperature scale; `None` without a value.
 pub(super) fn range(all: &Temperatures) -> Option<(f64, f64)> {
     let known = all.iter().flat_map(|(_, values)| values).filter_map(|(_, celsius)| *celsius);
     let (low, high) = bounds(known.filter(|celsius| celsius.is_finite()))?;
@@ -22,7 +22,7 @@ pub(super) fn range(all: &Temperatures) -> Option<(f64, f64)> {
     Some(widened((low - more, high + more)))
 }
 
-/// What they are, for the legend.
+/// Names of the thermometers, for the legend.
 pub(super) fn names(all: &Temperatures) -> Vec<(Piece, String)> {
     let name = |(number, (name, _)): (usize, &(String, _))| {
         (Piece::Marker(number), format!("temperature {name}"))
@@ -30,7 +30,7 @@ pub(super) fn names(all: &Temperatures) -> Vec<(Piece, String)> {
     all.iter().enumerate().map(name).collect()
 }
 
-/// `scale` seconds are one of the axis of time.
+/// Draws the strip; one unit of the time axis is `scale` seconds.
 pub(super) fn draw(
     area: &Area<'_>,
     all: &Temperatures,

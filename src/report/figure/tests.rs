@@ -39,7 +39,7 @@ pub(super) fn attributes<'a>(svg: &'a str, name: &str) -> Vec<&'a str> {
         .collect()
 }
 
-/// All coordinates; fails on one that is no number.
+/// All coordinates; panics on one that is not a number.
 pub(super) fn coordinates(svg: &str) -> Vec<f64> {
     let names = ["x", "y", "x1", "y1", "x2", "y2", "cx", "cy", "r", "width", "height", "points"];
     let values = names.iter().flat_map(|name| attributes(svg, name));
@@ -50,7 +50,8 @@ pub(super) fn coordinates(svg: &str) -> Vec<f64> {
         .collect()
 }
 
-/// Pixel positions that plotters cannot represent saturate at the ends of an i32.
+/// Whether all coordinates are inside the picture. Pixel positions that plotters cannot represent saturate at
+/// the limits of an i32.
 pub(super) fn inside(svg: &str) -> bool {
     coordinates(svg).iter().all(|value| (-100.0..1600.0).contains(value))
 }
@@ -83,8 +84,8 @@ fn a_further_curve_begins_where_the_argument_falls() {
     assert_eq!(["<polygon", "<polyline", "<circle"].map(added), [1, 1, 8]);
 }
 
-/// u = 0.5 µm about 0: the band fills the plot except for the room on either side (8 % of its
-/// width each), and the ticks say how wide it is.
+/// With u = 0.5 µm about 0, the band fills the plot except for the margins (8 % of its width each), and the
+/// ticks show its width.
 #[test]
 fn the_band_is_k_times_u_wide() {
     let flat = Function { y: vec![0.0; 8], ..wave(FigureKind::Curve, 8) };
@@ -101,7 +102,7 @@ fn the_band_is_k_times_u_wide() {
     }
 }
 
-/// Values 1 to 4 with ±2 about them: the bars are as long as from one value to the next but one.
+/// With values 1 to 4 and ±2 about them, a bar is as long as the distance from one value to the next but one.
 #[test]
 fn points_stand_alone_each_with_its_bar() {
     let mut points = wave(FigureKind::Points, 4);
@@ -119,7 +120,7 @@ fn points_stand_alone_each_with_its_bar() {
     }
 }
 
-/// Known by construction: a wave of 3 µm stands between the rings, 0 µm on its own.
+/// By construction 0 µm is on one ring and 1 µm on another.
 #[test]
 fn a_polar_figure_turns_counter_clockwise_from_the_right() {
     let mut function = wave(FigureKind::Polar, 4);
@@ -129,7 +130,7 @@ fn a_polar_figure_turns_counter_clockwise_from_the_right() {
     let marks: Vec<_> = svg.lines().filter(|line| line.contains("r=\"7\"")).collect();
     let x: Vec<_> = marks.iter().map(|mark| attributes(mark, "cx")[0].to_owned()).collect();
     let y: Vec<_> = marks.iter().map(|mark| attributes(mark, "cy")[0].to_owned()).collect();
-    // Zero lies on the inner ring (radius 120), one on the outer (360); y grows downwards.
+    // Zero is on the inner ring (radius 120), one on the outer ring (360); y grows downwards.
     assert_eq!(x, ["570", "450", "330", "450"]);
     assert_eq!(y, ["450", "90", "450", "570"]);
 }
@@ -172,7 +173,7 @@ fn covariance(count: usize, entry: impl Fn(usize, usize) -> f64) -> Covariance {
     }
 }
 
-/// Variances 4 and 9, covariance −3: correlation −0.5. The rest by their signs and depths.
+/// Variances 4 and 9 with covariance −3 give the correlation −0.5. The colours show sign and magnitude.
 #[test]
 fn a_matrix_is_coloured_by_sign_and_strength() {
     let known = [[4.0, -3.0, 0.0], [-3.0, 9.0, 2.25], [0.0, 2.25, 1.0]];
@@ -183,7 +184,7 @@ fn a_matrix_is_coloured_by_sign_and_strength() {
     let tiles = |opacity: &str, fill: &str| {
         svg.lines().filter(|line| line.contains(opacity) && line.contains(fill)).count()
     };
-    // Two cells each: either side of the diagonal.
+    // Two cells each, one on either side of the diagonal.
     assert_eq!((tiles("\"0.5\"", "#1F6FB2"), tiles("\"0.75\"", "#C2571A")), (2, 2));
     assert_eq!((tiles("\"0.5\"", "#C2571A"), tiles("\"0.75\"", "#1F6FB2")), (0, 0));
     // A name at its row and one above its column.
@@ -221,7 +222,7 @@ fn arrows(all: &[([f64; 3], [f64; 3], bool)]) -> ArrowFigure {
     }
 }
 
-/// Where each head begins and ends: the first corner is its tip.
+/// Tips of the arrowheads: the first corner of each head.
 fn tips(svg: &str) -> Vec<(f64, f64)> {
     let corner = |points: &str| {
         let (x, y) = points.split_whitespace().next().unwrap().split_once(',').unwrap();
@@ -231,7 +232,7 @@ fn tips(svg: &str) -> Vec<(f64, f64)> {
     heads.map(corner).collect()
 }
 
-/// Two places 200 mm apart in X, both in the middle of Y and Z; the longest arrow is 80 long.
+/// Two positions 200 mm apart in X, both in the middle of Y and Z; the longest arrow is 80 units long.
 #[test]
 fn arrows_point_where_the_vectors_do() {
     let figure = arrows(&[
@@ -245,7 +246,7 @@ fn arrows_point_where_the_vectors_do() {
         (250.0 + 140.0, 250.0 - 20.0),
         (750.0 - 140.0 + 80.0, 250.0),
         (750.0 + 140.0, 250.0 - 60.0),
-        // Seen along X both stand in the middle.
+        // Seen along X both are in the middle.
         (1250.0 + 20.0, 250.0 - 60.0),
         // The scale: 2 µm.
         (24.0 + 40.0, 535.0),
@@ -266,7 +267,7 @@ fn a_flagged_arrow_is_ringed_and_does_not_shrink_the_others() {
     assert_eq!(tips(&svg)[..2], [(110.0, 250.0 - 80.0), (390.0, 250.0 - 100.0)]);
     assert_eq!(svg.matches("r=\"13\"").count(), 3);
     assert!(svg.contains("ball 0") && !svg.contains("ball 1") && inside(&svg));
-    // Nothing to draw, and strange numbers.
+    // An empty figure, and values that are not finite.
     assert!(Common::of(&arrows(&[([f64::NAN; 3], [0.0; 3], true)])).is_none());
     let still = arrows(&[([1.0; 3], [0.0; 3], false), ([2.0; 3], [f64::INFINITY; 3], true)]);
     assert!(inside(&Common::of(&still).unwrap().draw(&still.groups[0]).unwrap()));

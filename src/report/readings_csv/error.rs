@@ -1,9 +1,9 @@
-//! What can be wrong with a readings file: where, and what to do.
+//! Errors in a readings file, with their location and remedy.
 
 use super::FIRST_LINE;
 use machine::record::reading::UnknownFlag;
 
-/// A problem and the line (from 1) where it stands.
+/// A problem and its line (from 1).
 #[derive(Debug, PartialEq, thiserror::Error)]
 #[error("readings file, line {line}: {problem}")]
 pub struct ReadingsError {

@@ -1,4 +1,4 @@
-//! Any file as readings.
+//! Arbitrary bytes as a readings file.
 
 use super::{read, write};
 use machine::Axis;
@@ -39,7 +39,8 @@ fn the_readings_reader_bears_anything() {
             let read_again = read(&again).unwrap();
             assert_eq!(read_again.len(), readings.len());
             for (one, two) in readings.iter().zip(&read_again) {
-                // Degrees are written rounded: that far the same, all else to the last bit.
+                // Degrees are written rounded, so positions agree within the rounding; all other values agree
+                // bit for bit.
                 let near = |axis| (one.position.at(axis) - two.position.at(axis)).abs();
                 let far = |(axis, at): &(Axis, f64)| near(*axis) > 1e-11 + 1e-15 * at.abs();
                 assert!(!one.position.iter().any(|at| far(&at)), "{one:?} {two:?}");

@@ -1,7 +1,7 @@
-//! The readings file: CSV in UTF-8, first line `# trued-readings 1`, further `#` comments, one row
-//! a touch or a scan sample. Linear axes in mm, rotary axes and spindle in degrees, machine
-//! coordinates; columns in any order, optional ones may be missing. The last line, too, has a line
-//! end, so that a file cut off anywhere is noticed.
+//! The readings file: CSV in UTF-8 with the first line `# trued-readings 1`, further comments after `#`, and
+//! one row per touch or scan sample. Linear axes in mm, rotary axes and spindle in degrees, machine
+//! coordinates; columns in any order, optional ones may be missing. The last line has a line end as well, so
+//! that a truncated file is detected.
 
 use std::collections::BTreeSet;
 use std::io::{self, Write};
@@ -21,7 +21,7 @@ pub use read::read;
 
 const FIRST_LINE: &str = "# trued-readings 1";
 
-/// What one column holds.
+/// Content of a column.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 enum Column {
     Step,
@@ -59,11 +59,11 @@ impl Column {
     }
 }
 
-/// Write `readings` with `comments` (a line each) below the first line. Numbers are printed in the
-/// shortest form that reads back to the same number; degrees are rounded as by [`Axis::to_edge`].
+/// Writes `readings` with `comments` (a line each) below the first line. Numbers are printed in the shortest
+/// form that reads back to the same number; degrees are rounded as by [`Axis::to_edge`].
 ///
 /// # Errors
-/// When `out` fails, or when a number is not finite (`InvalidData`).
+/// `out` fails, or a number is not finite (`InvalidData`).
 pub fn write(readings: &[Reading], comments: &[String], mut out: impl Write) -> io::Result<()> {
     writeln!(out, "{FIRST_LINE}")?;
     for line in comments.iter().flat_map(|comment| comment.lines()) {

@@ -1,4 +1,4 @@
-//! Reading a readings file, strictly: what is not understood is an error that says where.
+//! Strict reading of a readings file: anything unknown is an error with its location.
 
 use std::collections::BTreeMap;
 
@@ -8,8 +8,8 @@ use super::{Column, FIRST_LINE, Problem, ReadingsError};
 use machine::record::reading::{Flag, Reading, Temperatures};
 use machine::{Axis, Position};
 
-/// Read a whole file. Missing optional columns: `repeat` 0, `t_s` 0, `sensor` and `flag` empty,
-/// `value_mm` none (a touch), other axes not named.
+/// Reads a whole file. Defaults of missing optional columns: `repeat` 0, `t_s` 0, `sensor` and `flag` empty,
+/// `value_mm` none (a touch), other axes without a position.
 ///
 /// # Errors
 /// The first problem in the file, with its line.
@@ -29,7 +29,7 @@ pub fn read(bytes: &[u8]) -> Result<Vec<Reading>, ReadingsError> {
     while let Some((line, record)) = next(&mut rows)? {
         let reading = row(&columns, &record).map_err(|problem| at(line, problem))?;
         let (step, repeat) = (reading.step, reading.repeat);
-        // A sample that says why it has no value is no touch.
+        // A sample whose flag explains the missing value is not a touch.
         let is_touch = matches!(reading.flag, Flag::None | Flag::Excluded);
         if reading.value_mm.is_none()
             && is_touch
@@ -46,20 +46,20 @@ fn at(line: u64, problem: Problem) -> ReadingsError {
     ReadingsError { line, problem }
 }
 
-/// The file as text, after the checks that concern it as a whole.
+/// The file as text, after the checks of the whole file.
 fn text(bytes: &[u8]) -> Result<&str, ReadingsError> {
     let text = std::str::from_utf8(bytes).map_err(|error| {
         let before = bytes.iter().take(error.valid_up_to());
         at(1 + before.filter(|byte| **byte == b'\n').count() as u64, Problem::NotUtf8)
     })?;
-    // Spreadsheets put a byte order mark before UTF-8.
+    // Spreadsheet programs write a byte order mark before UTF-8.
     let text = text.trim_start_matches('\u{feff}');
     let first = text.lines().next().unwrap_or_default().trim_end();
     if first != FIRST_LINE {
         let found = first.chars().take(60).collect();
         return Err(at(1, Problem::FirstLine { found }));
     }
-    // 12.3 might have been 12.345, and an empty flag `excluded`: a cut line can look whole.
+    // A truncated line can look complete: 12.3 may be the beginning of 12.345, and an empty flag of `excluded`.
     if !text.ends_with('\n') {
         return Err(at(text.lines().count() as u64, Problem::CutOff));
     }
@@ -70,8 +70,8 @@ fn text(bytes: &[u8]) -> Result<&str, ReadingsError> {
 fn next(rows: &mut csv::Reader<&[u8]>) -> Result<Option<(u64, StringRecord)>, ReadingsError> {
     let mut record = StringRecord::new();
     let more = rows.read_record(&mut record);
-    // The position of a record counts the comments before it as its own; that of the reader
-    // stands behind the line end.
+    // The position of a record includes the comments before it; the position of the reader is after the line
+    // end.
     let ended = rows.position().line();
     match more {
         Ok(true) => Ok(Some((ended.saturating_sub(1), record))),
@@ -151,7 +151,7 @@ fn set(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem
         Column::Position(axis) if axis.is_linear() && empty => {
             return Err(Problem::Empty { name: column.name() });
         }
-        // Half of the times would be taken for drift: all of them, or no such column.
+        // The column must be complete, as missing times would look like drift.
         Column::Time if empty => return Err(Problem::Empty { name: column.name() }),
         Column::Sensor => reading.sensor = text.to_owned(),
         Column::Flag => reading.flag = text.trim().parse()?,
@@ -161,7 +161,7 @@ fn set(reading: &mut Reading, column: &Column, text: &str) -> Result<(), Problem
         }
         Column::Value => reading.value_mm = Some(number(column, text)?),
         Column::Time => reading.t_s = number(column, text)?,
-        // They are gathered by the row.
+        // Temperatures are collected per row.
         Column::Temperature(_) => {}
     }
     Ok(())

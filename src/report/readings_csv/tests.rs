@@ -18,7 +18,7 @@ fn problem(rows: &str) -> (u64, Problem) {
     (error.line, error.problem)
 }
 
-/// Anything a machine could say, with numbers of every size.
+/// A random reading with numbers of every size.
 fn any(step: u32, random: &mut impl RngExt) -> Reading {
     let mut number = |scale: i32| {
         random.random_range(-1.0..1.0) * 10f64.powi(random.random_range(-scale..scale))

@@ -1,4 +1,4 @@
-//! Runs that ask.
+//! Runs with prompts.
 
 use super::*;
 use machine::record::estimate::Estimate;
@@ -6,8 +6,8 @@ use machine::record::plan::{Step, StepKind};
 use methods::{IdentifyError, Refused};
 use planning::PlanningError;
 
-/// As a method that has a person turn the part: its own prompt at the head of the cycle's first stage, or
-/// behind the touches of it, where none may stand.
+/// A method that asks the operator to turn the part. Its prompt is at the head of the cycle's first stage, or
+/// after the touches of that stage, where no prompt is allowed.
 struct Turning {
     inner: Box<dyn Method>,
     late: bool,
@@ -45,7 +45,7 @@ impl Method for Turning {
     }
 }
 
-/// What was asked (step, pass) and answered, in order.
+/// Prompts (step, repeat) and answers in their order.
 fn talk(stored: &StoredRun) -> Vec<(&'static str, u32, u32)> {
     let told = |event: &Event| match event {
         Event::Asked { step, repeat, .. } => Some(("asked", *step, *repeat)),
@@ -83,9 +83,9 @@ async fn nothing_is_sent_between_question_and_answer_and_then_it_is_looked_anew(
     };
     let (ended, stored) = shop.runs(method.as_ref(), answers, told).await;
     ended.unwrap();
-    // Asked, looked for three times, answered; twice. Until then the control was prepared, no more.
+    // Prompted, polled three times, answered; twice. Until then the control received only `prepare`.
     assert_eq!(*seen.lock().unwrap(), ["prepare"; 10]);
-    // Whoever answered was at the machine: it is prepared again.
+    // The operator was at the machine, so the control is prepared again.
     assert_eq!(shop.calls()[..3], ["prepare", "prepare", "execute"]);
     let asked = [("asked", 0, 0), ("answered", 0, 0), ("asked", 1, 0), ("answered", 1, 0)];
     assert_eq!(talk(&stored), asked);
@@ -127,8 +127,8 @@ async fn a_prompt_behind_a_touch_is_refused_before_anything_moves() {
     assert!(late && shop.calls().is_empty(), "{refused:?}");
 }
 
-/// The cycle's second pass asks again. Stopped while it waits, it is asked once more; stopped after the answer,
-/// it is not.
+/// The cycle's second repeat prompts again. A run stopped during the wait repeats the prompt when it is
+/// resumed; a run stopped after the answer does not.
 #[tokio::test]
 async fn what_was_answered_is_not_asked_again_after_a_stop() {
     let shop = Shop::new("");

@@ -1,4 +1,4 @@
-//! Runs on the simulated control; what is sent to it is counted on its way.
+//! Runs on the simulated control; the calls to its driver are counted.
 
 mod asking;
 mod time_left;
@@ -16,7 +16,7 @@ use planning::proof::ProvenBlock;
 
 type Calls = Arc<Mutex<Vec<&'static str>>>;
 
-/// Counts what is asked of the control behind it.
+/// Counts the calls to the inner control.
 struct Counted {
     inner: Controller,
     calls: Calls,
@@ -59,7 +59,7 @@ struct Shop {
 }
 
 impl Shop {
-    /// `more`: of the machine file.
+    /// `more`: text added to the machine file.
     fn new(more: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let text = crate::setup::built_in("self-calibration").text;
@@ -83,7 +83,7 @@ impl Shop {
         (devices, halt)
     }
 
-    /// Until it ends: `answers` and `tell` are given the halt.
+    /// Runs until the end. `answers` and `tell` get the halt handle.
     async fn runs(
         &self,
         method: &dyn Method,
@@ -100,7 +100,7 @@ impl Shop {
         (ended, self.journal.load(id).unwrap())
     }
 
-    /// A person lets it go on, in another process.
+    /// Resumes the run with an operator's acknowledgement, as in another process.
     async fn goes_on(
         &self,
         method: &dyn Method,
@@ -124,7 +124,7 @@ impl Shop {
     }
 }
 
-/// In the place of a control, for a moment.
+/// Placeholder for a control while it is replaced.
 fn dead() -> Controller {
     struct Nothing;
     impl Driver for Nothing {

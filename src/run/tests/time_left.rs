@@ -1,10 +1,10 @@
-//! The time left: of the stages ahead, whatever comes between them.
+//! Remaining time of the stages ahead, also with stages that were not rehearsed.
 
 use super::*;
 use machine::record::estimate::Estimate;
 use methods::{IdentifyError, Refused};
 
-/// The first stage once more, as a method does that finds a measurement outside its limits.
+/// Repeats the first stage, as a method does for a measurement outside its limits.
 struct OnceMore {
     inner: Box<dyn Method>,
 }
@@ -31,7 +31,7 @@ impl Method for OnceMore {
     }
 }
 
-/// Of each step that was begun: its label, its pass and the time that was left, s.
+/// Label, repeat and remaining time (s) of each step that was begun.
 type Left = Mutex<Vec<(String, u32, f64)>>;
 
 fn note(left: &Left, event: &Event) {
@@ -66,7 +66,7 @@ async fn it_falls_from_step_to_step_and_a_stop_or_a_repetition_loses_nothing_of_
     for (label, repeat, at_first_s) in &whole {
         let same = left.iter().filter(|step| (&step.0, step.1) == (label, *repeat));
         for (_, _, left_s) in same {
-            // The way to a touch is another one where the machine comes from elsewhere.
+            // The path to a touch differs where the machine starts from another position.
             assert!((left_s - at_first_s).abs() < 20.0, "{label}: {left_s} and {at_first_s}");
             compared += 1;
         }

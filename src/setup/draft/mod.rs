@@ -1,5 +1,5 @@
-//! A machine file for a control that nobody has described yet, from what it says of itself. What it does
-//! not say gets a start that a person puts right, and says so.
+//! Draft of a machine file for an undescribed control, from the data that the control reports. Missing data
+//! gets a marked default that the operator corrects.
 
 mod topology;
 
@@ -17,20 +17,20 @@ use planning::gcode::Dialect;
 
 const TEMPLATE: &str = include_str!("machine.toml.j2");
 
-/// How the control is reached: `[controller]` as a person would write it.
+/// Data for a draft: `[controller]` as in a machine file, and the user's optional entries.
 pub struct Draft {
-    /// With `kind`.
+    /// Keys of `[controller]`, with `kind`.
     pub controller: toml::Table,
     pub name: Option<String>,
-    /// Where the person has said it.
+    /// Topology, if the user has given it.
     pub topology: Option<String>,
 }
 
 impl Draft {
-    /// The control that it names.
+    /// Configuration of the control in `[controller]`.
     ///
     /// # Errors
-    /// What its room says of the keys.
+    /// The driver refuses the keys.
     pub fn control(&self) -> Result<Arc<dyn Named>, SetupError> {
         let mut keys = self.controller.clone();
         let kind = keys.remove("kind");
@@ -39,17 +39,17 @@ impl Draft {
         control.map_err(|error| SetupError::Draft { why: error.message().to_owned() })
     }
 
-    /// Open `control` and let it say what it is. Nothing moves. Call inside a tokio runtime.
+    /// Opens `control` and reads its device information. Nothing moves. Call inside a tokio runtime.
     ///
     /// # Errors
-    /// What opening and asking say.
+    /// The control cannot be opened or does not answer.
     pub async fn introduce(&self, control: &dyn Named) -> Result<Introduction, SetupError> {
         let modes = modes(&Dialect::named(control.dialect())?, &nobodys(), control.log())?;
         let controller = control.open(&nobodys(), modes, Arc::new(HostClock::start())).await?;
         Ok(controller.introduce().await?)
     }
 
-    /// Why [`Self::introduce`] has `failed`.
+    /// Possible causes why [`Self::introduce`] has `failed`.
     pub async fn diagnose(
         &self,
         control: &dyn Named,
@@ -59,7 +59,7 @@ impl Draft {
         control.diagnose(&nobodys(), failed, leave).await
     }
 
-    /// The machine file.
+    /// Text of the machine file.
     ///
     /// # Errors
     /// A topology with an axis that the control does not drive.
@@ -115,12 +115,12 @@ fn quoted(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
 
-/// What a control says goes into a comment.
+/// Replaces control characters, as the control's text is written into a comment.
 fn one_line(text: &str) -> String {
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
 }
 
-/// A start where the control says nothing: short of anything that moves.
+/// Template values of one axis. Without limits from the control the range is kept short.
 fn lines(axis: Axis, says: AxisSays) -> Value {
     let turns = !axis.is_linear();
     let half = match axis {
@@ -160,7 +160,7 @@ fn positive(sense: Sense) -> &'static str {
     }
 }
 
-/// A machine of which nothing is known: nothing is asked of the control but who it is.
+/// A machine without any data, to identify the control only.
 fn nobodys() -> Machine {
     Machine {
         name: "not described yet".to_owned(),

@@ -1,8 +1,8 @@
-//! The order of axes that most machines with these axes have. A person puts it right.
+//! Usual topology of a machine with the given axes. The operator corrects it.
 
 use machine::Axis;
 
-/// Trunnion tables, after ISO 10791: the rotary axes carry the part, the linear ones the spindle.
+/// Topology of trunnion tables, after ISO 10791: the rotary axes carry the part, the linear axes the spindle.
 pub(super) fn usual(driven: &[Axis]) -> String {
     let has = |axis: &Axis| driven.contains(axis);
     let rotary: &[Axis] = match [Axis::A, Axis::B, Axis::C].map(|axis| has(&axis)) {
@@ -22,7 +22,7 @@ pub(super) fn usual(driven: &[Axis]) -> String {
     format!("V[{}]", all.join("-"))
 }
 
-/// The axes that move, in their order; the spindle in brackets is none of them.
+/// Axes that move, sorted; the spindle in brackets is left out.
 pub(super) fn axes(topology: &str) -> Vec<Axis> {
     let mut axes: Vec<Axis> = letters(topology)
         .filter_map(|letter| letter.parse().ok())
@@ -37,7 +37,7 @@ fn letters(topology: &str) -> impl Iterator<Item = &str> {
     inside.split('-')
 }
 
-/// For a person who reads such a line for the first time.
+/// The topology in words, for readers who do not know the notation.
 pub(super) fn in_words(topology: &str) -> String {
     let told = |letter: &str| match letter {
         "w" => "workpiece".to_owned(),

@@ -1,5 +1,5 @@
-//! `[artefact]`. The record's type is tagged by `kind` inside, and serde reads such a type from a
-//! buffer that has lost all lines: so `kind` is read first, then the fields of that kind.
+//! `[artefact]`. The record's type is internally tagged by `kind`, and serde reads such a type from a buffer
+//! without line numbers. Therefore `kind` is read first, then the fields of that kind.
 
 use std::path::Path;
 
@@ -12,20 +12,21 @@ use super::error::{MachineFileError, Place, Problem};
 use machine::artefact::{self, Entry, Flaw};
 use machine::record::artefact::{Artefact, Balls};
 
-/// More is a unit that was mistaken.
+/// Maximum certified uncertainty, mm. A larger value is taken for a wrong unit.
 const MOST_CERTIFIED_U_MM: f64 = 0.1;
 
-/// Where the coordinates of balls begin in the table frame, and how far they are turned about its Z.
+/// Keys of the placement of balls: origin of their coordinates in the table frame, and rotation about its Z
+/// axis.
 const PLACEMENT: [&str; 2] = ["origin_mm", "turned_deg"];
 
-/// What stands beside a machine file.
+/// Source of data outside the text of a machine file.
 #[derive(Debug, Clone, Copy)]
 pub enum Beside<'a> {
-    /// The text is all there is.
+    /// No other data: the text is complete.
     Nothing,
-    /// Other files, in this folder.
+    /// Other files in this folder.
     Folder(&'a Path),
-    /// The artefact as it was read when the run began: the folder may be gone, or changed.
+    /// The artefact as it was read when the run began; the folder may have been deleted or changed since.
     Artefact(&'a Artefact),
 }
 
@@ -57,7 +58,7 @@ pub fn read(document: &Document, beside: Beside<'_>) -> Result<Artefact, Machine
     }
 }
 
-/// The table less the keys that were read before.
+/// Reads the table without the keys in `less`, which were read before.
 fn fields<T: DeserializeOwned>(document: &Document, less: &[&str]) -> Result<T, MachineFileError> {
     let read = document.section(&["artefact"], |value| {
         T::deserialize(less.iter().fold(value, |value, key| value.without(key)))
@@ -124,7 +125,7 @@ fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileEr
     Ok(balls)
 }
 
-/// From the artefact's own coordinates into the table frame.
+/// Transforms the balls from the artefact's own coordinates into the table frame.
 fn place(balls: &mut Balls, origin_mm: [f64; 3], turned_deg: f64) {
     let (sin, cos) = turned_deg.to_radians().sin_cos();
     let turned = |[x, y, z]: [f64; 3]| match turned_deg == 0.0 {
@@ -173,11 +174,11 @@ impl Table {
     }
 }
 
-/// A flaw where it stands: in the table, or under the key of the machine file.
+/// Error at the location of a flaw: in the table file, or at the key of the machine file.
 fn placed(document: &Document, table: Option<&Table>, flaw: Flaw) -> MachineFileError {
     let Flaw { of, key, why } = flaw;
     let (name, index) = match (of, table) {
-        // What all balls have in common stands in the machine file.
+        // The machine file contains the properties that all balls share.
         (Entry::Ball(_), Some(table))
             if Common::KEYS.contains(&key) && !table.columns.hold(key) =>
         {

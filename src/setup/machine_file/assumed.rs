@@ -1,5 +1,5 @@
-//! Sizes that are assumed where the file does not state them (docs/uncertainty.md gives the reasons): a source that
-//! nobody has declared is not absent from the machine.
+//! Values that are assumed where the file does not state them (docs/uncertainty.md gives the reasons): an
+//! undeclared source of uncertainty still exists in the machine.
 
 use super::document::Document;
 use super::error::MachineFileError;
@@ -16,7 +16,8 @@ const LOBING_UM: f64 = 0.5;
 const STYLUS_OFFSET_UM: f64 = 0.8;
 const DRIFT_UM_PER_H: f64 = 5.0;
 const SQUARENESS_URAD: f64 = 10.0;
-/// Of a certified length without a thermometer, about 20 °C; steel where the file does not say what it is made of.
+/// Standard uncertainty of the temperature (about 20 °C) of a certified length without a stated temperature,
+/// and expansion of steel where the file states no material.
 const TEMPERATURE_K: f64 = 2.0;
 const EXPANSION_UM_PER_M_K: f64 = 11.5;
 
@@ -57,7 +58,8 @@ pub fn fill(
     Ok(assumed)
 }
 
-/// The same of certified lengths and centres of `artefact` whose temperature is not stated, in `assumed`.
+/// Fills in the temperature uncertainty of certified lengths and centres of `artefact` without a stated
+/// temperature; appends the keys to `assumed`.
 pub fn fill_temperatures(artefact: &mut Artefact, assumed: &mut Vec<String>) {
     let Artefact::Balls(balls) = artefact else { return };
     if balls.certificate_u_mm.is_some() && balls.temperature_c.is_none() {
@@ -92,7 +94,7 @@ mod tests {
     const EMBEDDED: &str = include_str!("../../../config/simulated.toml");
     const DOCUMENT: &str = include_str!("../../../docs/uncertainty.md");
 
-    /// The size that the documentation states for a key, e.g. `[axes.X] backlash_um`.
+    /// Value in the documentation for a key, e.g. `[axes.X] backlash_um`.
     fn documented(key: &str) -> f64 {
         let row = DOCUMENT.lines().find(|line| line.starts_with(&format!("| `{key}` |"))).unwrap();
         let size = row.split('|').nth(2).unwrap().trim();
@@ -126,10 +128,10 @@ mod tests {
         for (key, size) in sizes {
             assert_eq!(size, documented(key), "{key}");
         }
-        // Four of each linear axis, one of each rotary axis, drift and lobing.
+        // Four values of each linear axis, one of each rotary axis, drift and lobing.
         assert_eq!(file.assumed.len(), 3 * 4 + 2 + 2, "{:?}", file.assumed);
         assert!(file.assumed.contains(&"axes.B.error_motion_um".to_owned()));
-        // Stated: also where it is 0.
+        // Stated values are kept, also if they are 0.
         assert_eq!((file.machine.squareness_urad, file.probe.stylus_offset_um), (0.0, 0.3));
         assert_eq!(c.backlash_um, 0.0);
     }
@@ -146,7 +148,7 @@ mod tests {
         assert_eq!(file.assumed, ["artefact.lengths.u_temperature_k"]);
         let length = &balls.lengths[0];
         assert_eq!(length.u_temperature_k, documented("[[artefact.lengths]] u_temperature_k"));
-        // As stated.
+        // The stated value.
         assert_eq!(length.expansion_um_per_m_k, 1.2);
         let expansion = documented("[[artefact.lengths]] expansion_um_per_m_k");
         assert_eq!(expansion, super::EXPANSION_UM_PER_M_K);

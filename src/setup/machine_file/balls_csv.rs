@@ -1,5 +1,5 @@
-//! Balls as a table of their own beside the machine file: one line a ball, a head of column names, in
-//! any order; `#` begins a comment. What all balls have in common may stand in `[artefact]` instead.
+//! Balls in a CSV table beside the machine file: a header of column names in any order, then one line per ball;
+//! `#` begins a comment. Properties that all balls share may be in `[artefact]` instead.
 
 use super::error::{MachineFileError, Place, Problem};
 use super::hint;
@@ -8,10 +8,10 @@ use machine::record::artefact::Ball;
 const NEEDED: [&str; 5] = ["ball", "x_mm", "y_mm", "z_mm", "radius_mm"];
 const STEM: [&str; 5] = ["stem_x", "stem_y", "stem_z", "stem_radius_mm", "stem_length_mm"];
 
-/// A ball and the line (from 1) that it stands on.
+/// A ball and its line number (from 1).
 pub type Placed = (Ball, usize);
 
-/// What counts where a table has no such column, or a row nothing in it.
+/// Values for columns that a table lacks, or for empty cells.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Common {
     pub radius_mm: Option<f64>,
@@ -24,8 +24,10 @@ impl Common {
     pub const KEYS: [&'static str; 4] = ["radius_mm", "stem", "stem_radius_mm", "stem_length_mm"];
 }
 
+/// Reads a table of balls.
+///
 /// # Errors
-/// A column that is not known, or lacks; a value that is no finite number; with file and line.
+/// An unknown or missing column, or a value that is no finite number; with file and line.
 pub fn read(
     file: &str,
     text: &str,
@@ -35,7 +37,7 @@ pub fn read(
         let place = Place { file: file.to_owned(), line: Some(line) };
         MachineFileError::Content { place, problem }
     };
-    // The last line ends as all others do, so that lines can be counted by their ends.
+    // A final line end, so that lines can be counted by their ends.
     let text = format!("{text}\n");
     let mut rows = csv::ReaderBuilder::new()
         .comment(Some(b'#'))
@@ -47,7 +49,7 @@ pub fn read(
     let mut record = csv::StringRecord::new();
     loop {
         let more = rows.read_record(&mut record);
-        // A record's own position is that of the comments before it.
+        // The position of a record is the position of the comments before it.
         let behind = rows.position().line() as usize;
         let line = behind.saturating_sub(1).max(1);
         match more {
@@ -69,7 +71,7 @@ pub fn read(
     Ok((columns.unwrap_or_default(), balls))
 }
 
-/// What a key of a ball is called in the table.
+/// Name of the table column for a ball's key.
 pub fn column(key: &str) -> &str {
     match key {
         "id" => "ball",
@@ -79,14 +81,14 @@ pub fn column(key: &str) -> &str {
     }
 }
 
-/// Of a table, by name.
+/// Column names of a table.
 #[derive(Debug, Clone, Default)]
 pub struct Columns {
     names: Vec<String>,
 }
 
 impl Columns {
-    /// Whether a key of a ball stands in the table at all.
+    /// Whether the table has a column for a ball's key.
     pub fn hold(&self, key: &str) -> bool {
         self.names.iter().any(|name| name == column(key))
     }

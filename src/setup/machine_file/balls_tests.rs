@@ -1,4 +1,4 @@
-//! Balls in machine files: what is read, and what is refused with file, line and key.
+//! Balls in machine files: accepted values, and refusals with file, line and key.
 
 use std::path::Path;
 
@@ -7,14 +7,14 @@ use machine::record::artefact::{Ball, Balls};
 
 const EMBEDDED_BALLS: &str = include_str!("../../../config/samba.toml");
 
-/// The built-in file with `from` replaced once by `to`, and the line on which the change begins.
+/// The built-in file with `from` replaced once by `to`, and the line of the replacement.
 fn edited(from: &str, to: &str) -> (Result<MachineFile, MachineFileError>, usize) {
     let at = EMBEDDED_BALLS.find(from).unwrap_or_else(|| panic!("no {from}"));
     let line = EMBEDDED_BALLS[..at].matches('\n').count() + 1;
     (MachineFile::parse("shop.toml", EMBEDDED_BALLS.replacen(from, to, 1)), line)
 }
 
-/// The error names the line `below` lines under the change.
+/// Checks that the error names the line that is `below` lines after the replacement.
 #[track_caller]
 fn refused(from: &str, to: &str, below: usize, said: &str) {
     let (file, line) = edited(from, to);
@@ -88,7 +88,7 @@ fn balls_that_cannot_be_are_refused_where_they_stand() {
         0,
         "`centre_mm` in [artefact.balls] puts ball `5` into the stem of ball `3`: 8.000 mm",
     );
-    // The other way round: the stem of the later one.
+    // The reverse case: the stem of the later ball.
     refused(
         "centre_mm = [160.0, -160.0, 76.045]",
         "centre_mm = [-152.4, 5.0, 76.0]",
@@ -147,12 +147,12 @@ fn lengths_that_cannot_be_are_refused_where_they_stand() {
     refused("u_mm = 0.0001", "u_um = 0.1", 0, "unknown key `u_um` in [artefact.lengths]");
 }
 
-/// The built-in file with its balls in a table beside it, whose text is `table`.
+/// The built-in file with its balls in the CSV table `table`.
 fn beside(table: &str) -> Result<MachineFile, String> {
     beside_with("", table)
 }
 
-/// The same with `common` in [artefact].
+/// As [`beside`], with `common` in [artefact].
 fn beside_with(common: &str, table: &str) -> Result<MachineFile, String> {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("set.csv"), table).unwrap();
@@ -182,13 +182,13 @@ fn a_table_beside_the_file_says_the_same() {
     let inline = MachineFile::embedded_for("samba").unwrap();
     let file = beside(TABLE).unwrap();
     assert_eq!(balls(&file), balls(&inline));
-    // A stored run knows its balls, whatever became of the table.
+    // A stored run keeps its balls after the table is deleted.
     let text = file.text().to_owned();
     let lost = MachineFile::parse("shop.toml", text.clone()).unwrap_err().to_string();
     assert!(lost.contains("`file` in [artefact] names a file, but there is no folder"), "{lost}");
     let stored = MachineFile::stored("run 1", text, &file.artefact).unwrap();
     assert_eq!(stored.artefact, file.artefact);
-    // Columns may stand in any order, and the stem may be left out.
+    // Columns in another order, and without a stem.
     let few = beside("radius_mm,z_mm,y_mm,x_mm,ball\n6,40,0,-152.4,1\n6,40,0,152.4,2\n").unwrap();
     assert_eq!(balls(&few).balls[1].centre_mm, [152.4, 0.0, 40.0]);
     assert_eq!(balls(&few).balls[1].stem, [0.0, 0.0, -1.0]);
@@ -247,7 +247,7 @@ fn a_table_is_refused_with_its_line_and_column() {
     assert!(message.contains("beside the machine file"), "{message}");
 }
 
-/// The table of the data has places only: what all balls have in common is said once.
+/// The paper's table contains centres only; shared properties are in [artefact].
 #[test]
 fn the_papers_own_table_with_what_its_balls_have_in_common() {
     let paper = include_str!("../../../tests/data/paper4-table1.csv");
@@ -259,7 +259,7 @@ fn the_papers_own_table_with_what_its_balls_have_in_common() {
         assert_eq!(*read, expected);
     }
     assert_eq!(balls(&file).balls.len(), 6);
-    // A row's own value counts, and an empty one is none.
+    // A row's own value takes precedence; an empty cell uses the shared value.
     let rows = "ball,x_mm,y_mm,z_mm,radius_mm,stem_x\n1,-152.4,0,40.855,5,1\n2,152.4,0,40.435,,\n";
     let own = beside_with("radius_mm = 6.0\nstem = [0.0, 1.0, 0.0]\n", rows).unwrap();
     let radii: Vec<f64> = balls(&own).balls.iter().map(|ball| ball.radius_mm).collect();

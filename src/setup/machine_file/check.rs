@@ -1,5 +1,5 @@
-//! What must be true of a machine file beyond its grammar. Finite numbers are the reader's matter
-//! ([`super::value`]); whether the topology makes a machine is `kinematics`'.
+//! Semantic checks of a machine file. Finite numbers are checked by the reader ([`super::value`]), the topology
+//! by `kinematics`.
 
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Problem};
@@ -23,7 +23,7 @@ pub fn machine(document: &Document, machine: &Machine) -> Checked {
 pub fn probe(document: &Document, probe: &Probe) -> Checked {
     let check = Check(document);
     check.positive(&["probe", "ball_radius_mm"], probe.ball_radius_mm)?;
-    // Zero would be an infinite weight; "unknown" is said by leaving the key out.
+    // Zero would be an infinite weight; an unknown value is stated by leaving the key out.
     check.positive(&["probe", "repeatability_um"], probe.repeatability_um.unwrap_or(1.0))?;
     check.not_negative(&["probe", "lobing_um"], probe.lobing_um)?;
     check.orders(&["probe", "lobing_orders"], &probe.lobing_orders)?;
@@ -93,7 +93,7 @@ pub fn keepouts(document: &Document, boxes: &[Keepout]) -> Checked {
     Ok(())
 }
 
-/// Each `[[section]]` has a name of its own.
+/// Checks that each `[[section]]` has a unique name.
 pub fn alone<'n>(
     document: &Document,
     section: &str,
@@ -110,7 +110,7 @@ pub fn alone<'n>(
     Ok(())
 }
 
-/// Each has a name of its own, a shape and something that carries it.
+/// Checks that each solid has a unique name, a shape and a carrier.
 pub fn solids(document: &Document, solids: &[Solid], machine: &Machine) -> Checked {
     for (index, solid) in solids.iter().enumerate() {
         let name = solid.name.as_str();
@@ -164,7 +164,7 @@ impl Check<'_> {
         self.that(value >= 0.0, key, &format!("is {value}; it must not be negative"))
     }
 
-    /// Harmonic orders: the first is an eccentricity.
+    /// Checks harmonic orders; order 1 is not allowed, as it is an eccentricity.
     fn orders(&self, key: &[&str], orders: &[u32]) -> Checked {
         let is_new = |(i, order): (usize, &u32)| !orders[..i].contains(order);
         let sound = orders.iter().all(|order| (2..=100).contains(order))
@@ -172,7 +172,7 @@ impl Check<'_> {
         self.that(sound, key, "must name orders from 2 to 100, each once")
     }
 
-    /// A wait: none, or not so long that a control seems dead.
+    /// Checks a waiting time: from 0 to 10 s, so that the control does not seem dead.
     fn short(&self, key: &[&str], seconds: f64) -> Checked {
         let why = format!("is {seconds}; it must be from 0 to 10 s");
         self.that((0.0..=10.0).contains(&seconds), key, &why)
@@ -205,8 +205,8 @@ impl Check<'_> {
         self.that(spec.error_wavelength_mm >= 1.0, &key("error_wavelength_mm"), &why)
     }
 
-    /// Every moving axis of the topology has limits, and no limits stand for an axis that is not
-    /// there (a slip that would leave the true axis without any). The spindle needs none.
+    /// Checks that every moving axis of the topology has limits, and that there are no limits for other axes: a
+    /// mistyped axis would leave the true axis without limits. The spindle needs none.
     fn axes_of_topology(&self, machine: &Machine) -> Checked {
         let named = axes_in(&machine.topology);
         let topology = &machine.topology;
@@ -225,7 +225,7 @@ impl Check<'_> {
     }
 }
 
-/// The linear and rotary axes a topology names; `(C)` is the spindle, `F`, `b`, `w`, `t` do not move.
+/// The linear and rotary axes that a topology names; `(C)` is the spindle, `F`, `b`, `w`, `t` do not move.
 fn axes_in(topology: &str) -> Vec<Axis> {
     let mut depth = 0;
     let mut axes = Vec::new();

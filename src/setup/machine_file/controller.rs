@@ -1,5 +1,5 @@
-//! `[controller]`: which control, and what it already compensates. Its other keys belong to the
-//! control's own room.
+//! `[controller]`: the kind of the control, and its active compensations. All other keys belong to the
+//! control's own configuration.
 
 use std::sync::Arc;
 
@@ -18,20 +18,20 @@ const SIMULATED: &str = "simulated";
 #[derive(Debug, Clone)]
 pub struct ControllerConfig {
     pub control: Control,
-    /// Compensations that the control has switched on, in its maker's words. They are part of the
-    /// record: a result is what is left over beside them.
+    /// Compensations that are active in the control, in the maker's terms. They are part of the record: results
+    /// are the errors that remain with them.
     pub compensations_active: Vec<String>,
 }
 
 #[derive(Debug, Clone)]
 pub enum Control {
-    /// The simulated firmware moves a simulated machine, which `[simulated]` describes.
+    /// Simulated firmware that moves the simulated machine of `[simulated]`.
     Simulated(SimulatedControl),
     Real(Arc<dyn Named>),
 }
 
 impl Control {
-    /// The language that it is spoken to.
+    /// Name of the control's dialect.
     pub fn dialect(&self) -> &str {
         match self {
             Self::Simulated(control) => control.dialect(),
@@ -40,7 +40,7 @@ impl Control {
     }
 }
 
-/// The keys that every control has.
+/// Keys of every control.
 #[derive(Deserialize)]
 struct Common {
     kind: String,

@@ -1,7 +1,7 @@
-//! The text of a file in TOML that a person writes: finds sections and lines, turns a fault into an error with a place.
+//! Text of a TOML file that a person writes: finds sections and lines, and adds the location to errors.
 //!
-//! The text is parsed anew for each question. It is a few kilobytes; in exchange nothing borrows
-//! from anything for longer than a call.
+//! The text is parsed again for each query. It has a few kilobytes; in return no value borrows from it for
+//! longer than one call.
 
 use std::path::Path;
 
@@ -43,7 +43,7 @@ impl Document {
         })
     }
 
-    /// The names directly below `path`, in the order of the text. Empty if `path` is no table.
+    /// Names directly below `path`, in the order of the text. Empty if `path` is not a table.
     pub fn names(&self, path: &[&str]) -> Result<Vec<String>, MachineFileError> {
         let mut table = self.root()?;
         for key in path {
@@ -58,7 +58,7 @@ impl Document {
         Ok(names.into_iter().map(|(_, name)| name).collect())
     }
 
-    /// Every name directly below `path` is one of `known`.
+    /// Checks that every name directly below `path` is one of `known`.
     pub fn only(&self, path: &[&str], known: &[&str]) -> Result<(), MachineFileError> {
         for name in self.names(path)? {
             if !known.contains(&name.as_str()) {
@@ -74,7 +74,7 @@ impl Document {
         Ok(())
     }
 
-    /// Hand the value at `path` to `read`; `None` where the file does not have it.
+    /// Passes the value at `path` to `read`; `None` if the file does not contain it.
     pub fn section<'t, R>(
         &'t self,
         path: &[&str],
@@ -88,7 +88,7 @@ impl Document {
         }
     }
 
-    /// Hand an empty table to `read`, in the name of a section that the file does not have.
+    /// Passes an empty table to `read`, for a section that the file does not contain.
     pub fn empty<R>(
         &self,
         path: &[&str],
@@ -98,7 +98,7 @@ impl Document {
         read(Value(nothing)).map_err(|fault| self.place(path, Fault { at: None, ..fault }))
     }
 
-    /// A section that must be there.
+    /// Reads a required section.
     pub fn required<'t, T: Deserialize<'t>>(
         &'t self,
         path: &[&str],
@@ -107,7 +107,7 @@ impl Document {
             .ok_or_else(|| self.error(None, Problem::MissingSection { section: path.join(".") }))
     }
 
-    /// An error at the key `path` leads to, or at its nearest parent that stands in the file.
+    /// Error at the key `path`, or at its nearest parent in the file.
     pub fn error_at(&self, path: &[&str], problem: Problem) -> MachineFileError {
         let at = (1..=path.len()).rev().find_map(|depth| {
             let root = DeTable::parse(&self.text).ok()?.into_inner();
@@ -116,8 +116,8 @@ impl Document {
         self.error(at, problem)
     }
 
-    /// An error at `key` of the section `[[path]]` that stands there as number `index`, or at its
-    /// head where it lacks the key.
+    /// Error at `key` of entry `index` of the list `[[path]]`, or at the head of the entry if the key is
+    /// missing.
     pub fn error_at_entry(
         &self,
         path: &[&str],
@@ -143,7 +143,7 @@ impl Document {
         self.error(at, problem)
     }
 
-    /// A fault in what `path` holds.
+    /// Error for a fault in the value at `path`.
     fn place(&self, path: &[&str], fault: Fault) -> MachineFileError {
         let mut keys: Vec<&str> = path.to_vec();
         keys.extend(fault.path.iter().map(String::as_str));
@@ -169,7 +169,7 @@ impl Document {
     }
 }
 
-/// The last key of `keys` is at fault, or the whole section if there is only one.
+/// The problem for the last key of `keys`, or for the whole section if there is only one key.
 pub fn value_problem(keys: &[&str], why: String) -> Problem {
     match keys {
         [section @ .., key] if !section.is_empty() => {
@@ -179,7 +179,7 @@ pub fn value_problem(keys: &[&str], why: String) -> Problem {
     }
 }
 
-/// Place of the last key of `path`, and its value.
+/// Byte offset of the last key of `path`, and its value.
 fn find<'i>(mut table: DeTable<'i>, path: &[&str]) -> Option<(usize, Spanned<DeValue<'i>>)> {
     let (last, parents) = path.split_last()?;
     for key in parents {

@@ -1,4 +1,4 @@
-//! `[encoder]`: the rotary encoder whose count the samples of sensors carry.
+//! `[encoder]`: the rotary encoder whose count the sensors' samples contain.
 
 use serde::Deserialize;
 
@@ -11,16 +11,17 @@ use machine::record::machine::Machine;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Encoder {
-    /// The axis that turns it.
+    /// Axis that turns the encoder.
     pub axis: Axis,
-    /// Counts of one turn; negative where it counts against the angle that the control shows.
+    /// Counts per turn; negative if the count decreases while the control's angle increases.
     pub counts_per_turn: i64,
 }
 
-/// `None` without `[encoder]`.
+/// The encoder of the machine file; `None` without `[encoder]`.
 ///
 /// # Errors
-/// An axis that does not turn, no counts, or counts without a sensor that carries them, and the other way round.
+/// An axis that does not turn, zero counts, an encoder without a sensor that transmits its count, or such a
+/// sensor without an encoder.
 pub fn read(
     document: &Document,
     machine: &Machine,

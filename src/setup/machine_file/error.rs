@@ -1,4 +1,4 @@
-//! What can be wrong with a file that a person writes: file, line, section, key, and what to do about it.
+//! Errors in a file that a person writes: file, line, section, key, and the remedy.
 
 use std::fmt;
 use std::io;
@@ -17,7 +17,7 @@ pub enum MachineFileError {
     Content { place: Place, problem: Problem },
 }
 
-/// File, and the line (from 1) where it is known.
+/// File name, and the line (from 1) if it is known.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Place {
     pub file: String,

@@ -1,4 +1,4 @@
-//! Any text as a machine file.
+//! Arbitrary text as a machine file.
 
 use super::{MachineFile, balls_csv};
 use crate::setup;
@@ -66,7 +66,8 @@ fn the_table_of_balls_bears_anything() {
     });
 }
 
-/// Every number is one; the parts that are built from a file without moving; bytes of the plan.
+/// Builds all parts that need no motion and checks that every number is finite. Returns the size of the plan's
+/// text, bytes.
 fn plan(file: &MachineFile) -> usize {
     let machine = serde_json::to_string(&(&file.machine, &file.probe, &file.artefact)).unwrap();
     assert!(!machine.contains("null"), "{machine}");

@@ -1,6 +1,6 @@
-//! The nearest known key, and what its unit is: most wrong keys are a slip or a wrong unit.
+//! The nearest known key and its unit: most wrong keys are typing errors or have a wrong unit.
 
-/// Endings of keys that state a unit, longest first, and how a person writes that unit.
+/// Key suffixes that state a unit, longest first, and the unit as displayed.
 const UNITS: [(&str, &str); 14] = [
     ("_um_per_h", "µm/h"),
     ("_um_per_m", "µm/m"),
@@ -18,7 +18,7 @@ const UNITS: [(&str, &str); 14] = [
     ("_c", "°C"),
 ];
 
-/// `radius_mm` → (`radius`, mm).
+/// Splits a key into quantity and unit: `radius_mm` → (`radius`, mm).
 fn split(key: &str) -> (&str, Option<&'static str>) {
     UNITS
         .iter()
@@ -26,8 +26,8 @@ fn split(key: &str) -> (&str, Option<&'static str>) {
         .unwrap_or((key, None))
 }
 
-/// The key of `known` that was probably meant: the same quantity in another unit, else the one with
-/// the fewest slips (a third of its letters at most).
+/// The key of `known` that was probably meant: the same quantity in another unit, else the key with the
+/// smallest edit distance (at most a third of its letters).
 pub fn nearest<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
     let (stem, _) = split(key);
     known.iter().copied().find(|candidate| split(candidate).0 == stem).or_else(|| {
@@ -37,7 +37,7 @@ pub fn nearest<'k>(key: &str, known: &[&'k str]) -> Option<&'k str> {
     })
 }
 
-/// What to do about an unknown key: `did you mean …?`, or the list of what is known.
+/// Hint for an unknown key: `did you mean …?`, or the list of known keys.
 pub fn for_unknown(key: &str, known: &[&str]) -> String {
     let Some(near) = nearest(key, known) else {
         return format!("known here: {}", known.join(", "));

@@ -1,8 +1,8 @@
 //! The machine file: TOML that a person writes and the program never rewrites.
 //!
-//! An unknown key, a wrong unit, a wrong type, a missing key or an impossible value is an error with
-//! file, line and key. Sections that belong to other modules (`[method.NAME]`, `[simulated]`) are
-//! kept as text and handed to their owner's type on request; their errors have lines all the same.
+//! An unknown key, a wrong unit, a wrong type, a missing key or an impossible value is an error with file, line
+//! and key. Sections of other modules (`[method.NAME]`, `[simulated]`) are kept as text and deserialized into
+//! the owner's type on request; their errors have lines as well.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -66,30 +66,30 @@ const SECTIONS: [&str; 15] = [
     "serve",
 ];
 
-/// A machine file that has been read and found sound.
+/// A machine file that was read and checked.
 #[derive(Debug, Clone)]
 pub struct MachineFile {
-    /// With its axes, which the file keeps in `[axes.X]`.
+    /// The machine with its axes, which the file states in `[axes.X]`.
     pub machine: Machine,
     pub controller: ControllerConfig,
     pub probe: Probe,
     pub sensors: Vec<SensorEntry>,
-    /// Whose count their samples carry.
+    /// Encoder whose count the sensors' samples contain.
     pub encoder: Option<Encoder>,
     pub thermometers: Vec<thermometer::Entry>,
     pub keepout: Vec<Keepout>,
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
     prompts: Vec<Prompt>,
-    /// Empty: no verdict.
+    /// Limits for the verdict. Empty: no verdict.
     pub tolerance: Vec<Limit>,
-    /// Keys that it does not state and whose values are assumed, e.g. `axes.X.backlash_um`.
+    /// Keys with assumed values, as the file does not state them, e.g. `axes.X.backlash_um`.
     pub assumed: Vec<String>,
     document: Document,
 }
 
 impl MachineFile {
-    /// The built-in machine that suits a method.
+    /// The built-in machine file for a method.
     pub fn embedded_for(method: &str) -> Result<Self, MachineFileError> {
         let BuiltIn { file, text } = built_in(method);
         Self::parse(&file, text.to_owned())
@@ -100,12 +100,12 @@ impl MachineFile {
         Self::parsed(Document::read(path)?, beside)
     }
 
-    /// `file` is the name that errors call it by. There is nothing beside the text.
+    /// Parses `text` without any other file; `file` is the name in errors.
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
         Self::parsed(Document::parse(file, text)?, Beside::Nothing)
     }
 
-    /// The machine file of a stored run, with the artefact that its plan holds.
+    /// The machine file of a stored run, with the artefact of its plan.
     pub fn stored(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
         Self::parsed(Document::parse(file, text)?, Beside::Artefact(artefact))
     }
@@ -153,7 +153,7 @@ impl MachineFile {
         })
     }
 
-    /// The file as it was read, for the record.
+    /// Text of the file as it was read.
     pub fn text(&self) -> &str {
         self.document.text()
     }
@@ -163,27 +163,27 @@ impl MachineFile {
         Sha256::digest(self.text()).iter().map(|byte| format!("{byte:02x}")).collect()
     }
 
-    /// `[simulated]` as its owner's type; `None` where the file has no such section.
+    /// `[simulated]` as the owner's type; `None` if the file has no such section.
     pub fn simulated<'t, T: Deserialize<'t>>(&'t self) -> Result<Option<T>, MachineFileError> {
         self.document.section(&["simulated"], T::deserialize)
     }
 
-    /// `[serve]` as its owner's type.
+    /// `[serve]` as the owner's type.
     ///
     /// # Errors
-    /// Also where the file has no such section.
+    /// The section is missing or invalid.
     pub fn serve<'t, T: Deserialize<'t>>(&'t self) -> Result<T, MachineFileError> {
         self.document.required(&["serve"])
     }
 
-    /// `[[simulated.fault]]`, in the words of the simulated control; none where the file is silent.
+    /// `[[simulated.fault]]` in the keys of the simulated control; no faults if the file has none.
     pub fn simulated_faults(&self, control: &SimulatedControl) -> Result<Faults, MachineFileError> {
         let faults = self.document.section(&["simulated", "fault"], |list| control.faults(list))?;
         Ok(faults.unwrap_or_else(|| control.no_faults()))
     }
 
-    /// `[method.NAME]`, handed to the method's own reader as a serde deserializer; an empty table
-    /// where the file is silent.
+    /// `[method.NAME]`, passed to the method's own reader as a serde deserializer; an empty table if the file
+    /// has no such section.
     pub fn method<R>(
         &self,
         name: &str,
@@ -195,23 +195,23 @@ impl MachineFile {
         }
     }
 
-    /// What a person is asked before `method` measures with `sensors`.
+    /// Prompts to the operator before `method` measures with `sensors`.
     pub fn asks_before(&self, method: &str, sensors: &[&Sensor]) -> Vec<String> {
         let asked = self.prompts.iter().filter(|prompt| prompt.is_for(method));
         let of_sensors = match self.controller.control {
             Control::Real(_) => prompt::of_sensors(sensors),
-            // Nobody is at a simulated machine.
+            // A simulated machine has no operator.
             Control::Simulated(_) => None,
         };
         asked.map(|prompt| prompt.text.clone()).chain(of_sensors).collect()
     }
 
-    /// The same machine, where nobody is asked anything.
+    /// The same machine without prompts.
     pub fn without_prompts(&self) -> Self {
         Self { prompts: Vec::new(), ..self.clone() }
     }
 
-    /// Refuse a `[method.NAME]`, or a prompt, for a method that is not in the list.
+    /// Refuses a `[method.NAME]` or a prompt for an unknown method.
     pub fn check_method_names(&self, known: &[&str]) -> Result<(), MachineFileError> {
         self.document.only(&["method"], known)?;
         prompt::check_methods(&self.document, &self.prompts, known)

@@ -1,4 +1,4 @@
-//! `[[prompt]]`: what a person is asked before a method measures.
+//! `[[prompt]]`: prompts to the operator before a method measures.
 
 use machine::Axis;
 use machine::record::machine::{Homing, Machine};
@@ -8,14 +8,14 @@ use serde::Deserialize;
 use super::document::Document;
 use super::error::{MachineFileError, Problem};
 
-/// Longer words nobody reads at a machine; characters.
+/// Maximum length of a prompt, characters: longer texts are not read at a machine.
 const LONGEST: usize = 200;
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Prompt {
     pub text: String,
-    /// Names of methods; all of them where the file is silent.
+    /// Names of methods; `None`: all methods.
     #[serde(default)]
     pub methods: Option<Vec<String>>,
 }
@@ -26,7 +26,7 @@ impl Prompt {
     }
 }
 
-/// Those of the machine file, then the zero of each axis without a homing switch.
+/// Prompts of the machine file, then one for the zero of each axis without a homing switch.
 pub fn read(document: &Document, machine: &Machine) -> Result<Vec<Prompt>, MachineFileError> {
     let prompts: Vec<Prompt> =
         document.section(&["prompt"], Deserialize::deserialize)?.unwrap_or_default();
@@ -53,8 +53,8 @@ fn zero_of(axis: Axis) -> Prompt {
     Prompt { text, methods: None }
 }
 
-/// What is asked before a method that has displacement sensors, where a person is at the machine: contact stops
-/// nothing then, and no control knows where a sensor is.
+/// Prompt before a method with displacement sensors, if an operator is present. Contact does not stop the
+/// machine then, and no control knows the position of a sensor.
 pub fn of_sensors(sensors: &[&Sensor]) -> Option<String> {
     let places = [
         (Mount::Spindle, "in the spindle"),
@@ -76,7 +76,7 @@ pub fn of_sensors(sensors: &[&Sensor]) -> Option<String> {
     })
 }
 
-/// Each names methods that there are.
+/// Checks that prompts name known methods only.
 pub fn check_methods(
     document: &Document,
     prompts: &[Prompt],

@@ -1,4 +1,4 @@
-//! `[[sensor]]`, and the list of ways to reach a sensor.
+//! `[[sensor]]`, and the registry of the sensor interfaces.
 
 use std::sync::Arc;
 
@@ -16,14 +16,14 @@ use crate::setup::simulated::SimulatedSensor;
 #[serde(try_from = "Keys")]
 pub struct SensorEntry {
     pub sensor: sensor::Sensor,
-    /// Samples a second, as it is set to give.
+    /// Configured sample rate, samples per second.
     pub rate_hz: Option<f64>,
     pub reached: Reached,
 }
 
 #[derive(Debug, Clone)]
 pub enum Reached {
-    /// A simulated sensor looks at the simulated machine, which `[simulated]` describes.
+    /// A sensor that measures the simulated machine of `[simulated]`.
     Simulated(SimulatedSensor),
     Real(Arc<dyn Named>),
 }
@@ -36,7 +36,7 @@ impl Reached {
         }
     }
 
-    /// After how many counts the rotary encoder's count of a sample begins anew; `None`: its samples carry none.
+    /// Number of counts after which the encoder count in the samples wraps; `None`: the samples have no count.
     pub fn encoder_round(&self) -> Option<u64> {
         match self {
             Self::Simulated(_) => None,
@@ -44,7 +44,7 @@ impl Reached {
         }
     }
 
-    /// Where, in words.
+    /// Location of the sensor, for display.
     pub fn at(&self) -> String {
         match self {
             Self::Simulated(_) => "simulated".to_owned(),
@@ -53,7 +53,7 @@ impl Reached {
     }
 }
 
-/// Sensors of one port have the same settings of it.
+/// Checks that sensors on one port agree on its settings.
 pub fn check_ports(document: &Document, sensors: &[SensorEntry]) -> Result<(), MachineFileError> {
     let ports: Vec<_> = sensors.iter().map(|entry| entry.reached.port()).collect();
     for (index, own) in ports.iter().enumerate() {
@@ -69,8 +69,8 @@ pub fn check_ports(document: &Document, sensors: &[SensorEntry]) -> Result<(), M
     Ok(())
 }
 
-/// The keys of [`sensor::Sensor`], and one table for each way to reach one. A new kind of sensor is a
-/// line here and in [`Keys::reached`].
+/// Keys of [`sensor::Sensor`], and one table for each interface. A new interface is a line here and in
+/// [`Keys::reached`].
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Keys {
@@ -102,12 +102,14 @@ struct Keys {
     simulated: Option<SimulatedSensor>,
 }
 
-/// How far a direction may be from a unit vector.
+/// Maximum deviation of a direction's length from 1.
 const UNIT: f64 = 1e-6;
 
 impl Keys {
+    /// The interface of the sensor.
+    ///
     /// # Errors
-    /// None of the tables, or several.
+    /// The entry has none of the tables, or several.
     fn reached(&mut self) -> Result<Reached, String> {
         let mut ways = Vec::new();
         ways.extend(self.can.take().map(|can| Reached::Real(Arc::new(can))));

@@ -32,7 +32,7 @@ fn every_file_in_config_is_sound() {
     let mut count = 0;
     for entry in std::fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
-        // The daemon's own file names machine files.
+        // The daemon's own file lists machine files and is not one.
         if path.extension().is_none_or(|extension| extension != "toml")
             || path.ends_with("trued.toml")
         {
@@ -222,7 +222,7 @@ fn eight() -> u32 {
     8
 }
 
-/// Tagged inside, as a colleague's type may be: serde buffers it, and its places get lost.
+/// An internally tagged type: serde buffers it and loses its locations.
 #[derive(Debug, Default, PartialEq, Deserialize)]
 #[serde(tag = "kind", rename_all = "lowercase", deny_unknown_fields)]
 enum Shape {

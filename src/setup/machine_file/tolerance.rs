@@ -1,4 +1,4 @@
-//! `[tolerance]`: limits for the verdict, one key a parameter: its symbol and the unit.
+//! `[tolerance]`: limits for the verdict; each key is the symbol of a parameter and the unit.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ const UNITS: [(&str, Unit); 5] = [
     ("_ms", Unit::Ms),
 ];
 
-/// The limits in the order of their keys; none without `[tolerance]`.
+/// Limits in the order of their keys; none without `[tolerance]`.
 pub fn read(document: &Document) -> Result<Vec<Limit>, MachineFileError> {
     if document.names(&["tolerance"])?.is_empty() {
         return Ok(Vec::new());

@@ -1,6 +1,6 @@
-//! serde over a parsed TOML value, with an error that keeps what a person needs: the key at fault,
-//! the keys that would have been right, and the place in the text. (toml's own error keeps them as
-//! one sentence.) A number that is not finite is refused here, so that none gets in anywhere.
+//! A serde deserializer of a parsed TOML value whose error keeps the key at fault, the known keys and the
+//! location in the text; toml's own error has them in one sentence only. A number that is not finite is refused
+//! here, so that none can enter the program.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -14,7 +14,7 @@ use serde::forward_to_deserialize_any;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-/// What is wrong with a value.
+/// Kind of fault in a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum What {
     UnknownKey { key: String, known: &'static [&'static str] },
@@ -23,7 +23,7 @@ pub enum What {
     Bad(String),
 }
 
-/// What is wrong, and where: the keys that lead there and the byte of the text.
+/// A fault with its location: the path of keys and the byte offset in the text.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Fault {
     pub what: What,
@@ -81,7 +81,7 @@ impl Error for Fault {
     }
 }
 
-/// A machinist knows numbers, not `f64`.
+/// The expected type in words that a machinist understands, not `f64`.
 fn in_words(expected: &dyn Expected) -> String {
     match expected.to_string().as_str() {
         "f32" | "f64" => "a number".to_owned(),
@@ -92,11 +92,11 @@ fn in_words(expected: &dyn Expected) -> String {
     }
 }
 
-/// A value of the file, ready to become a type; errors carry its place.
+/// A value of the file, ready to be deserialized; errors contain its location.
 pub struct Value<'i>(pub Spanned<DeValue<'i>>);
 
 impl<'de> Value<'de> {
-    /// A table less one of its keys.
+    /// The table without one of its keys.
     pub fn without(mut self, key: &str) -> Self {
         if let DeValue::Table(table) = self.0.get_mut() {
             table.remove(key);
@@ -182,8 +182,8 @@ impl<'de> IntoDeserializer<'de, Fault> for Value<'de> {
     }
 }
 
-/// Read `value`; a fault that does not know its place gets one. A tagged or flattened type is read
-/// from serde's own buffer, where places are gone: its unknown key is looked up in the text again.
+/// Reads `value`, and adds the location to a fault without one. A tagged or flattened type is read from serde's
+/// own buffer without locations: its unknown key is searched for in the text.
 pub fn read_at<'i, T>(
     value: Spanned<DeValue<'i>>,
     read: impl FnOnce(Value<'i>) -> Result<T, Fault>,
@@ -213,7 +213,7 @@ fn keys_below(value: &DeValue<'_>, keys: &mut Vec<(String, usize)>) {
     }
 }
 
-/// The entries of a table in the order of the text, so that the first error is the topmost.
+/// Entries of a table in the order of the text, so that the first error is the topmost.
 struct Entries<'i> {
     rest: std::vec::IntoIter<(Spanned<Cow<'i, str>>, Spanned<DeValue<'i>>)>,
     value: Option<(String, Spanned<DeValue<'i>>)>,

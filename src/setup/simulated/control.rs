@@ -1,4 +1,4 @@
-//! The list of simulated controls and of the wires between them and the daemon; `[controller]` of kind
+//! Registry of simulated controls and of the wires between them and the daemon; `[controller]` of kind
 //! `simulated` and `[[simulated.fault]]`.
 
 use std::collections::BTreeMap;
@@ -28,9 +28,9 @@ use simulator::interpreter::Pace;
 pub struct SimulatedControl {
     speaks: Speaks,
     wire: Wire,
-    /// Its own speed; on a pseudo-terminal, who speaks at another one is not understood.
+    /// Baud rate of the control. On a pseudo-terminal, a client with another baud rate is not understood.
     baud: Option<u32>,
-    /// `$` settings that are otherwise than its machine has them.
+    /// `$` settings that differ from those of the machine.
     settings: BTreeMap<u16, f64>,
 }
 
@@ -52,18 +52,18 @@ struct Keys {
     settings: BTreeMap<String, f64>,
 }
 
-/// The list: a new simulated control is a line here and in the matches below.
+/// Registry: a new simulated control is a line here and in the matches below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Speaks {
     #[default]
     Grbl,
     Modbus,
-    /// A resident program behind it.
+    /// Modbus registers with a resident program.
     ModbusProgram,
 }
 
-/// What stands between the daemon and the simulated firmware.
+/// Wire between the daemon and the simulated firmware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 enum Wire {
@@ -72,7 +72,7 @@ enum Wire {
     Tcp,
 }
 
-/// What goes wrong at a simulated control, in its own words.
+/// Faults of a simulated control, in its own terms.
 #[derive(Debug, Clone)]
 pub struct Faults(Kind);
 
@@ -82,7 +82,7 @@ enum Kind {
     Modbus(Vec<controls::modbus::Fault>),
 }
 
-/// The machine behind the control.
+/// The simulated machine of the control.
 pub struct Bench<'a> {
     pub machine: &'a Machine,
     pub world: Arc<Mutex<World>>,
@@ -90,7 +90,7 @@ pub struct Bench<'a> {
     pub faults: Faults,
 }
 
-/// A simulated control that is served to whoever opens its wire, until dropped.
+/// A simulated control that is served on its wire until dropped.
 pub struct Served {
     at: link::Named,
     speaks: Speaks,
@@ -103,7 +103,7 @@ impl Drop for Served {
     }
 }
 
-/// Where it is, as `[controller]` of a machine file names it.
+/// Its location, as `[controller]` of a machine file states it.
 impl fmt::Display for Served {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.at.fmt(f)
@@ -111,7 +111,7 @@ impl fmt::Display for Served {
 }
 
 impl Served {
-    /// `[controller]` for a real control that is reached in the same way.
+    /// `[controller]` for a real control with the same connection.
     pub fn keys(&self) -> String {
         format!("kind = \"{}\"\n{}", self.kind(), self.driver_keys())
     }
@@ -123,7 +123,7 @@ impl Served {
         }
     }
 
-    /// Without the kind: the keys that the driver's own configuration reads.
+    /// Keys of the driver's own configuration, without the kind.
     fn driver_keys(&self) -> String {
         let mut keys = self.at.to_toml();
         let on_tcp = matches!(self.at, link::Named::Tcp(_));
@@ -136,7 +136,7 @@ impl Served {
         keys
     }
 
-    /// What it is, in words.
+    /// Description of the served control.
     pub fn what(&self) -> &'static str {
         match self.speaks {
             Speaks::Grbl => "grblHAL machine",
@@ -146,9 +146,10 @@ impl Served {
     }
 }
 
-/// A pseudo-terminal has no speed; the silences between Modbus frames are computed from one.
+/// Nominal baud rate: a pseudo-terminal has no speed, but the silent intervals between Modbus frames are
+/// computed from one.
 const BAUD: u32 = 115_200;
-/// The unit that the driver addresses, on TCP as well.
+/// Unit that the driver addresses, on TCP as well.
 const UNIT: &str = "unit = 1\n";
 /// Size of the in-process wire, bytes.
 const WIRE_BYTES: usize = 4096;
@@ -184,15 +185,15 @@ impl TryFrom<Keys> for SimulatedControl {
 }
 
 impl SimulatedControl {
-    /// The language that it is spoken to; it orients its spindle.
+    /// Dialect of the control, which orients its spindle.
     pub fn dialect(&self) -> &'static str {
         "grbl-m19"
     }
 
-    /// `[[simulated.fault]]`.
+    /// Reads `[[simulated.fault]]`.
     ///
     /// # Errors
-    /// What serde says.
+    /// The entries cannot be deserialized.
     pub fn faults<'de, D: Deserializer<'de>>(&self, list: D) -> Result<Faults, D::Error> {
         Ok(Faults(match self.speaks {
             Speaks::Grbl => Kind::Grbl(Deserialize::deserialize(list)?),
@@ -209,7 +210,7 @@ impl SimulatedControl {
         }))
     }
 
-    /// Nothing goes wrong.
+    /// An empty list of faults.
     pub fn no_faults(&self) -> Faults {
         Faults(match self.speaks {
             Speaks::Grbl => Kind::Grbl(Vec::new()),
@@ -217,10 +218,11 @@ impl SimulatedControl {
         })
     }
 
-    /// Start it and open its driver. Call inside a tokio runtime; what is served outlives the driver.
+    /// Starts the control and opens its driver. Call inside a tokio runtime. The served control outlives the
+    /// driver.
     ///
     /// # Errors
-    /// What opening says.
+    /// The wire or the driver cannot be opened.
     pub async fn open(
         &self,
         bench: Bench<'_>,
@@ -252,10 +254,10 @@ impl SimulatedControl {
         Ok((controller, Some(served)))
     }
 
-    /// Serve it on a wire of its own: a TCP port of this computer, or a new pseudo-terminal.
+    /// Serves the control on a wire of its own: a TCP port of this computer, or a new pseudo-terminal.
     ///
     /// # Errors
-    /// What opening says.
+    /// The wire cannot be opened.
     pub fn serve(&self, bench: Bench<'_>) -> Result<Served, ControllerError> {
         let speaks = self.speaks;
         match &bench.faults.0 {
@@ -284,11 +286,11 @@ impl SimulatedControl {
         }
     }
 
-    /// As [`Self::serve`], behind a bad wire; `tell` hears what it does, and when. Once the wire is cut
-    /// the pseudo-terminal is gone.
+    /// As [`Self::serve`], with a faulty wire; `tell` is called with each fault and its time. When the wire is
+    /// cut, the pseudo-terminal is closed.
     ///
     /// # Errors
-    /// What opening says; a control that does not speak in lines.
+    /// The wire cannot be opened, or the control does not use a line protocol.
     pub fn serve_badly(
         &self,
         bench: Bench<'_>,

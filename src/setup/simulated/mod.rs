@@ -1,4 +1,4 @@
-//! Joins the simulator with the drivers: what a machine file calls `simulated` becomes an open device.
+//! Connects the simulator to the drivers: opens the devices that a machine file declares as `simulated`.
 
 mod control;
 mod sensor;

@@ -1,4 +1,4 @@
-//! The list of simulated sensors and of the wires between them and the daemon; `[sensor.simulated]`.
+//! Registry of simulated sensors and of the wires between them and the daemon; `[sensor.simulated]`.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -23,14 +23,14 @@ struct Keys {
     speaks: Speaks,
     #[serde(default = "memory")]
     wire: String,
-    /// Samples a second.
+    /// Sample rate, samples per second.
     #[serde(default = "usual_rate", deserialize_with = "rate")]
     rate_hz: f64,
 }
 
-/// A simulated sensor. In memory it measures when it is asked, and the world's time goes on by its
-/// samples alone. Whatever sends by itself over another wire measures in wall time: then the world's
-/// time goes on with it, and a run is not the same twice.
+/// A simulated sensor. In memory it measures on request, and the world's time advances only by its samples. A
+/// sensor that sends unsolicited samples over another wire measures in wall time: the world's time advances
+/// with it, and a run is not reproducible.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct SimulatedSensor {
@@ -40,7 +40,7 @@ pub struct SimulatedSensor {
 
 #[derive(Debug, Clone)]
 enum Way {
-    /// In memory, or on the interface of this name.
+    /// In memory, or on the CAN interface of this name.
     Can(String),
     Serial(Format, Wire),
     Modbus(Wire),
@@ -49,8 +49,10 @@ enum Way {
 impl TryFrom<Keys> for SimulatedSensor {
     type Error = String;
 
+    /// Converts the keys.
+    ///
     /// # Errors
-    /// A wire that it does not have, in words.
+    /// The sensor does not support the wire.
     fn try_from(Keys { speaks, wire, rate_hz }: Keys) -> Result<Self, String> {
         let way = match speaks {
             Speaks::Can => Way::Can(wire),
@@ -70,7 +72,7 @@ fn rate<'de, D: Deserializer<'de>>(keys: D) -> Result<f64, D::Error> {
     Err(D::Error::custom(format!("`rate_hz` is {hz}; it lies between 0.1 and 100000")))
 }
 
-/// The list: a new simulated sensor is a line here and in the match below.
+/// Registry: a new simulated sensor is a line here and in the match below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Speaks {
@@ -96,17 +98,17 @@ fn usual_rate() -> f64 {
     1000.0
 }
 
-/// What a simulated sensor looks at.
+/// World and clock of a simulated sensor.
 pub struct View {
     pub world: Arc<Mutex<World>>,
     pub clock: Arc<dyn Clock>,
 }
 
 impl SimulatedSensor {
-    /// Start it and open its driver. Call inside a tokio runtime.
+    /// Starts the sensor and opens its driver. Call inside a tokio runtime.
     ///
     /// # Errors
-    /// What opening says.
+    /// The wire or the driver cannot be opened.
     pub async fn open(&self, sensor: &sensor::Sensor, view: View) -> Result<Sensor, SensorError> {
         let name = sensor.name.as_str();
         let (sense, clock) = (self.sense(sensor, &view), view.clock.clone());
@@ -125,7 +127,7 @@ impl SimulatedSensor {
         }
     }
 
-    /// One sample after the other; with each a period passes.
+    /// Source of samples; each sample advances the world by one period.
     fn sense(&self, sensor: &sensor::Sensor, view: &View) -> Sense {
         let (name, world, period_s) = (sensor.name.clone(), view.world.clone(), 1.0 / self.rate_hz);
         Box::new(move || {

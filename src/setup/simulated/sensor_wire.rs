@@ -1,4 +1,4 @@
-//! The wires between a simulated sensor and its driver.
+//! Wires between a simulated sensor and its driver.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use simulator::sensors::modbus::{DATA_SHEET, Measures, serve_on_pty, serve_on_tc
 use simulator::sensors::serial::{Format, REQUEST, on_demand, send_on_pty, send_on_tcp};
 use simulator::sensors::{Sense, serial as simulated_serial};
 
-/// The wire between the daemon and a simulated sensor.
+/// Wire between the daemon and a simulated sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Wire {
     /// Inside this process: simulated time advances only with the samples that are requested.
@@ -22,6 +22,8 @@ pub enum Wire {
 }
 
 impl Wire {
+    /// The wire named `name`.
+    ///
     /// # Errors
     /// An unknown name.
     pub fn of(name: &str) -> Result<Self, String> {
@@ -33,6 +35,8 @@ impl Wire {
         }
     }
 
+    /// The same wire, if it is not in memory.
+    ///
     /// # Errors
     /// `Memory`: registers are served over TCP or a pseudo-terminal only.
     pub fn beyond_memory(self) -> Result<Self, String> {
@@ -48,7 +52,7 @@ impl Wire {
 /// A driver's configuration from the data sheet of its simulated sensor.
 ///
 /// # Errors
-/// Never: tests open each of them.
+/// None in practice: tests open each configuration.
 pub(super) fn data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, SensorError> {
     toml::from_str(keys).map_err(|error| SensorError::Strange {
         text: error.to_string(),
@@ -56,11 +60,11 @@ pub(super) fn data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, SensorErr
     })
 }
 
-/// Start a sensor on a serial line, `rate_hz` samples a second, and the driver for it. In memory the
-/// sensor sends a sample on request, on another wire unsolicited. Call inside a tokio runtime.
+/// Starts a sensor on a serial line with `rate_hz` samples per second, and its driver. In memory the sensor
+/// sends a sample on request, on another wire unsolicited. Call inside a tokio runtime.
 ///
 /// # Errors
-/// What opening says.
+/// The wire or the driver cannot be opened.
 pub async fn serial(
     (format, wire): (Format, Wire),
     sense: Sense,
@@ -87,11 +91,11 @@ pub async fn serial(
     serial
 }
 
-/// Start a sensor behind registers, `rate_hz` samples a second, and the driver for it. Call inside a
-/// tokio runtime.
+/// Starts a sensor behind registers with `rate_hz` samples per second, and its driver. Call inside a tokio
+/// runtime.
 ///
 /// # Errors
-/// What opening says; nothing is there in memory (see [`Wire::beyond_memory`]).
+/// The wire or the driver cannot be opened; the wire is in memory (see [`Wire::beyond_memory`]).
 pub async fn modbus(
     (measures, wire): (Measures, Wire),
     sense: Sense,

@@ -1,4 +1,4 @@
-//! Simulated sensors through the drivers that serve real ones.
+//! Simulated sensors, tested with the drivers of real sensors.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ fn clock() -> Arc<HostClock> {
     Arc::new(HostClock::start())
 }
 
-/// Value in µm (0 without one), flag, and how many samples are missing before it.
+/// Value in µm (0 without a value), flag, and number of missing samples before it.
 fn sample_um(sample: &Sample) -> (i64, &'static str, u32) {
     assert_eq!(sample.value_mm.is_some(), sample.flag == Flag::None);
     let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
@@ -39,7 +39,7 @@ fn without_gap(sample: &Sample) -> (i64, &'static str) {
     (um, flag)
 }
 
-/// 0 to 9 and what has no value, round and round.
+/// Cycles through the values 0 to 9 and the samples without a value.
 fn sense() -> Sense {
     let mut place = 0_u32;
     Box::new(move || {
@@ -69,7 +69,7 @@ async fn a_serial_sensor_in_memory_measures_on_request() {
             sensor_wire::serial(at, sense(), 1000.0, &sensor(), clock()).await.unwrap();
         assert_eq!(serial.prepare().await.unwrap().rate_hz, 1000.0);
         assert!(serial.on_demand());
-        // The first was for `prepare`.
+        // The first sample was taken by `prepare`.
         for place in 2..200 {
             let (um, flag, missing) = sample_um(&serial.next().await.unwrap());
             assert_eq!(((um, flag), missing), (expected(place), 0), "{format:?} {place}");
@@ -115,7 +115,7 @@ async fn a_modbus_sensor_measures_when_it_is_read() {
         let mut registers =
             sensor_wire::modbus(at, Box::new(sense), 1000.0, &sensor(), clock).await.unwrap();
         assert!(registers.on_demand());
-        // One when it was made, one for `prepare`.
+        // One sample at the start, one for `prepare`.
         assert_eq!(registers.prepare().await.unwrap().rate_hz, 1000.0);
         registers.forget().await.unwrap();
         let expected = [(-1500, ""), (0, "range"), (0, "range"), (0, "saturated"), (-3500, "")];

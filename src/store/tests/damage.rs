@@ -1,4 +1,4 @@
-//! Files that are no journal, or a damaged one: refused by name, and never changed.
+//! Files that are no journal, or a damaged one, are refused with their path and never changed.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -12,7 +12,7 @@ use machine::record::event::Event;
 
 const JOURNAL: &str = "journal.sqlite";
 
-/// All files in `dir` by name. `-shm` holds locks of connections and no data.
+/// All files in `dir` by name. `-shm` contains locks of connections and no data.
 fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
     let all = std::fs::read_dir(dir).unwrap().map(|file| file.unwrap());
     let named = all.map(|file| (file.file_name().into_string().unwrap(), file.path()));
@@ -20,7 +20,8 @@ fn files(dir: &Path) -> BTreeMap<String, Vec<u8>> {
     data.map(|(name, path)| (name, std::fs::read(path).unwrap())).collect()
 }
 
-/// Opening and `backup` both refuse `dir`, with all of `words`, and change no file.
+/// Checks that opening and `backup` both refuse `dir` with a message that contains all of `words`, and that no
+/// file changes.
 fn refused_unchanged(dir: &Path, words: &[&str]) {
     let (before, to) = (files(dir), tempfile::tempdir().unwrap());
     let opened = Journal::open(dir).map(drop).unwrap_err();
@@ -35,7 +36,7 @@ fn refused_unchanged(dir: &Path, words: &[&str]) {
     }
 }
 
-/// A database of another program with these statements.
+/// A database of another program, made by these statements.
 fn foreign(statements: &str) -> tempfile::TempDir {
     let dir = tempfile::tempdir().unwrap();
     Connection::open(dir.path().join(JOURNAL)).unwrap().execute_batch(statements).unwrap();
@@ -63,7 +64,7 @@ fn a_database_of_another_program_is_refused_unchanged() {
     }
 }
 
-/// The log of a program that was killed is not written into its database.
+/// The log of a killed program is not copied into its database.
 #[test]
 fn a_database_with_a_log_is_refused_unchanged() {
     let (dir, copy) = (foreign("PRAGMA journal_mode = WAL"), tempfile::tempdir().unwrap());
@@ -119,7 +120,7 @@ fn journal() -> (tempfile::TempDir, RunId) {
     (dir, run)
 }
 
-/// What was written and changed in the program's own way is sound.
+/// Rows that the program itself has written and changed are sound.
 #[test]
 fn rows_that_are_changed_stay_sound() {
     let (dir, run) = journal();
@@ -140,8 +141,7 @@ fn rows_that_are_changed_stay_sound() {
     assert!(Journal::open(dir.path()).unwrap().load(run).is_ok());
 }
 
-/// One value of one row in each table, as a failing disk would change it: no page and no number is
-/// out of its form.
+/// One changed value in a row of each table, as by a failing disk. Page and number stay well-formed.
 const DAMAGES: [(&str, &str, bool); 12] = [
     ("runs", "started = replace(started, 'T', ' ')", true),
     ("runs", "state = 'closed'", true),
@@ -157,7 +157,7 @@ const DAMAGES: [(&str, &str, bool); 12] = [
     ("signatures", "who = 'Eve'", false),
 ];
 
-/// `backup` and whatever reads the row refuse it: opening, where it is one that stands for more than a run.
+/// `backup` and every reader of the row refuse it. Opening refuses it if the row belongs to no single run.
 #[test]
 fn a_damaged_row_is_refused() {
     let (sound, run) = journal();
@@ -188,7 +188,7 @@ fn a_damaged_row_is_refused() {
     }
 }
 
-/// A byte of the file, and pages that are cut off.
+/// A changed byte of the file, and missing pages.
 #[test]
 fn a_damaged_file_is_refused_unchanged() {
     let (sound, _) = journal();
@@ -200,7 +200,7 @@ fn a_damaged_file_is_refused_unchanged() {
         bytes
     };
     let config = find("[machine]\nname").unwrap();
-    // The number of the format, in the head of the file.
+    // Byte 63 is part of the format number in the header of the file.
     for damaged in [changed(config + 1, b'x'), changed(63, 3), sound[..sound.len() / 2].to_vec()] {
         let dir = tempfile::tempdir().unwrap();
         std::fs::write(dir.path().join(JOURNAL), damaged).unwrap();
@@ -208,7 +208,7 @@ fn a_damaged_file_is_refused_unchanged() {
     }
 }
 
-/// What stands in the list of runs and in trends.
+/// Damaged estimates in the list of runs and in trends.
 #[test]
 fn a_damaged_estimate_is_no_result() {
     let (dir, run) = journal();

@@ -1,4 +1,4 @@
-//! The files in a state directory: journals of other versions, locks, strange files.
+//! Files in a state directory: journals of other versions, locks, foreign files.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -9,8 +9,8 @@ use super::{estimate, new_run, reading};
 use crate::store::*;
 use machine::record::reading::Reading;
 
-/// The run of the first version, and one with thermometers: means over readings and scans, of each over
-/// those at which it spoke.
+/// A run of the first version, and a run with thermometers whose mean temperatures cover readings and scans,
+/// each over the readings with a value.
 #[test]
 fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
     let dir = tempfile::tempdir().unwrap();
@@ -38,19 +38,19 @@ fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
         all
     };
     assert_eq!(measured(), []);
-    // As an older version ended it, and as this one does.
+    // The first run is finished as by an older version, the second as by this one.
     journal.estimate(before.id, &estimate(0.1)).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
     let known = measured();
     let means = known.iter().map(|it| it.temperatures_c.iter().collect::<Vec<_>>());
     let expected = [vec![], vec![("bed", 20.75), ("spindle", 30.5)]];
     assert_eq!(means.collect::<Vec<_>>(), expected);
-    // Samples that went after their time leave the means as they were.
+    // The removal of old samples does not change the means.
     journal.forget_scans(run).unwrap();
     assert_eq!(measured(), known);
 }
 
-/// A journal as the first version wrote it.
+/// A journal in the format of the first version.
 #[test]
 fn an_older_journal_is_brought_up_to_date() {
     let dir = tempfile::tempdir().unwrap();
@@ -68,7 +68,7 @@ fn an_older_journal_is_brought_up_to_date() {
     assert!(matches!(error.fault, Fault::NoRun(RunId(77))), "{error}");
 }
 
-/// An older program would go on writing rows without checksums.
+/// An older program would continue to write rows without checksums.
 #[test]
 fn an_older_journal_that_is_open_is_refused() {
     let dir = tempfile::tempdir().unwrap();

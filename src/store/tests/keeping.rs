@@ -1,4 +1,4 @@
-//! Copies, old versions, and what may go after a time.
+//! Backups, older versions, and the removal of old samples.
 
 use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -18,7 +18,7 @@ fn names(dir: &Path) -> Vec<String> {
     names
 }
 
-/// Copied while a run writes: whole, with at least what was acknowledged before.
+/// A copy made while a run writes is complete and contains at least what was acknowledged before.
 #[test]
 fn a_copy_is_whole_whoever_writes_meanwhile() {
     let (dir, to) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
@@ -62,7 +62,7 @@ fn a_copy_overwrites_nothing_and_leaves_nothing_half() {
     let exists = backup(&state, &file).unwrap_err();
     assert!(matches!(exists.fault, Fault::Exists), "{exists}");
     assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);
-    // Pages that are none: the copy is looked through before it gets its name.
+    // Invalid pages: the copy is verified before it gets its name.
     Journal::open(&state).unwrap().begin(&new_run()).wait().unwrap();
     let journal = state.join("journal.sqlite");
     let mut bytes = std::fs::read(&journal).unwrap();
@@ -73,7 +73,7 @@ fn a_copy_overwrites_nothing_and_leaves_nothing_half() {
     assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);
 }
 
-/// A journal of the first version is still there as it was, once.
+/// One unchanged copy of a journal of the first version is kept.
 #[test]
 fn what_was_before_a_migration_is_kept() {
     let dir = tempfile::tempdir().unwrap();
@@ -90,11 +90,11 @@ fn what_was_before_a_migration_is_kept() {
     let number = |ask: &str| kept.query_row(ask, [], |row| row.get::<_, i64>(0)).unwrap();
     assert_eq!(number("PRAGMA user_version"), 1);
     assert_eq!(number("SELECT count(*) FROM readings"), 1);
-    // As it was: the states of the first version are still checked.
+    // The copy has the old schema: it still checks the states of the first version.
     assert!(kept.execute("UPDATE runs SET state = 'closed'", []).is_err());
 }
 
-/// Killed after it kept the old one, and begun anew in the same second.
+/// The program was killed after it copied the old journal, and restarts the migration in the same second.
 #[test]
 fn a_migration_begins_anew_within_a_second() {
     let dir = tempfile::tempdir().unwrap();
@@ -173,7 +173,7 @@ fn only_samples_go_and_only_where_an_estimate_stands() {
     assert_eq!(journal.audits(None, 9).unwrap().len(), 1);
 }
 
-/// By pages, newest first, none twice and none left out.
+/// Pages are newest first, without duplicates or omissions.
 #[test]
 fn the_audit_log_is_read_by_pages() {
     let dir = tempfile::tempdir().unwrap();

@@ -49,7 +49,7 @@ fn step(id: u32) -> Step {
     }
 }
 
-/// No number in it is short in decimal or in degrees.
+/// No number in it has a short decimal form, neither in radians nor in degrees.
 fn reading(step: u32) -> Reading {
     let angle = f64::from(step) * std::f64::consts::TAU / 7.0;
     Reading {
@@ -250,7 +250,7 @@ fn what_cannot_be_kept_is_refused() {
     ] {
         assert!(matches!(error.fault, Fault::NoRun(RunId(77))), "{error}");
     }
-    // A step of the plan is never overwritten, and the stage that tried leaves no trace.
+    // A step of the plan is never overwritten, and the stage that tried leaves no row.
     journal.stage(run, &stage(0, vec![0]), &[step(0)]).wait().unwrap();
     journal.stage(run, &stage(1, vec![0]), &[step(0)]).wait().unwrap_err();
     let stored = journal.load(run).unwrap();
@@ -287,7 +287,7 @@ fn a_scan_is_there_whole_and_once_bit_for_bit() {
         step: 4,
         repeat: 1,
         sensor: ["x1", "y1", "r1"][number as usize % 3].to_owned(),
-        // Of the block: the same for all of its samples.
+        // Temperatures of the row: the same for all of its samples.
         temperatures_c: BTreeMap::from([("table".to_owned(), 61.0 / 3.0)]).into(),
         ..reading(number)
     };

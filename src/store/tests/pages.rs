@@ -1,10 +1,10 @@
-//! Parts of long lists are those of the whole.
+//! Pages of long lists agree with the whole list.
 
 use super::{estimate, new_run, reading};
 use crate::store::*;
 use machine::record::reading::Reading;
 
-/// Touches and scans in one run: whatever is asked for is what stands there in the whole.
+/// With touches and scans in one run, any page equals the same part of the whole.
 #[test]
 fn some_readings_are_those_of_all() {
     let dir = tempfile::tempdir().unwrap();
@@ -38,7 +38,7 @@ fn some_readings_are_those_of_all() {
     assert!(matches!(missing.fault, Fault::NoRun(RunId(7))), "{missing}");
 }
 
-/// Of finished runs alone, and what was identified last.
+/// Finished runs only, with the last identification.
 #[test]
 fn the_newest_result_is_that_of_the_newest_finished_run() {
     let dir = tempfile::tempdir().unwrap();
@@ -66,7 +66,8 @@ fn the_newest_result_is_that_of_the_newest_finished_run() {
     assert_eq!(all.into_iter().rev().collect::<Vec<_>>(), journal.runs().unwrap());
 }
 
-/// A run that ended without an estimate is a state of its own until one is stored, and outdates the result before.
+/// A run that ended without an estimate has its own state until an estimate is stored, and then replaces the
+/// earlier result.
 #[test]
 fn a_measured_run_is_finished_by_its_estimate() {
     let dir = tempfile::tempdir().unwrap();
@@ -99,7 +100,7 @@ fn a_measured_run_is_finished_by_its_estimate() {
     let ended = journal.load(second).unwrap().summary.ended;
     journal.estimate(second, &estimate(2.0)).wait().unwrap();
     assert_eq!((newest(), states()), ((Some(second), None), vec![open, done, done]));
-    // It was measured when it was measured.
+    // A later identification does not change the end of the measurement.
     assert_eq!(journal.load(second).unwrap().summary.ended, ended);
     assert_eq!(serde_json::to_value(open).unwrap(), open.as_str());
 }
