@@ -1,4 +1,4 @@
-//! Where a device is, and how its byte stream is opened.
+//! Addresses of devices (serial port, TCP), and how to open the byte stream at an address.
 
 use std::fmt;
 use std::io;
@@ -11,14 +11,15 @@ use tokio_serial::{ErrorKind, Parity, SerialPortBuilderExt, SerialStream};
 
 use super::{Flow, Link, LinkError};
 
-/// How long a host may take to accept a connection.
+/// Maximum time until a host accepts a TCP connection.
 const CONNECT: Duration = Duration::from_secs(5);
 
-/// Whoever had a serial port before may not have closed it yet: what he asked last runs to its time-out first.
+/// Maximum wait for a serial port that another client has not closed yet: the last request of that client may still
+/// run until its timeout.
 const LETTING_GO: Duration = Duration::from_secs(5);
 const LOOK_AGAIN: Duration = Duration::from_millis(50);
 
-/// Where a byte stream leads.
+/// Address of a byte stream.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Address {
     /// A serial device or a pty.
@@ -41,8 +42,8 @@ impl fmt::Display for Address {
     }
 }
 
-/// Open `address` for this process alone (serial: `TIOCEXCL` and an advisory lock), on the thread
-/// that will own it. Who holds it has some seconds to let go.
+/// Opens `address` for this process alone (serial: `TIOCEXCL` and an advisory lock), on the thread that will own
+/// the stream. Waits some seconds for another holder to close the port.
 pub async fn open(address: &Address) -> Result<Link, LinkError> {
     let name = address.to_string();
     match address.clone() {
@@ -53,7 +54,7 @@ pub async fn open(address: &Address) -> Result<Link, LinkError> {
     }
 }
 
-/// As [`open`], for a device that sends unasked.
+/// Like [`open`], for a device that sends data without a request.
 pub async fn listen(address: &Address) -> Result<Flow, LinkError> {
     let name = address.to_string();
     match address.clone() {
@@ -64,16 +65,16 @@ pub async fn listen(address: &Address) -> Result<Flow, LinkError> {
     }
 }
 
-/// Where udev keeps the names that a serial port has whatever its number.
+/// Folder where udev lists serial ports by persistent names, which do not depend on the port number.
 pub const BY_ID: &str = "/dev/serial/by-id";
 
-/// The port below `directory` whose name is `id`, or the only one whose name contains it: the same
-/// device under whatever number it has come back.
+/// Path of the port in `directory` whose name is `id`, or of the only port whose name contains `id`. It leads to
+/// the same device after the port number has changed.
 ///
 /// # Errors
-/// None, or more than one.
+/// No name matches, or more than one name matches.
 pub fn by_id(directory: &Path, id: &str) -> Result<PathBuf, LinkError> {
-    // No such folder: no port with a name.
+    // A missing folder counts as a folder without ports.
     let entries = std::fs::read_dir(directory).into_iter().flatten().flatten();
     let mut names: Vec<String> =
         entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
@@ -109,7 +110,7 @@ pub(super) async fn serial(
 }
 
 pub(super) async fn tcp(name: String, host: String, port: u16) -> Result<TcpStream, LinkError> {
-    // A connection that is not there yet can be given up without harm.
+    // Dropping a connection attempt is harmless: nothing was sent yet.
     timeout(CONNECT, TcpStream::connect((host.as_str(), port)))
         .await
         .unwrap_or_else(|_| Err(io::ErrorKind::TimedOut.into()))
@@ -120,7 +121,8 @@ pub(super) async fn tcp(name: String, host: String, port: u16) -> Result<TcpStre
 fn serial_error(path: &str, error: tokio_serial::Error) -> LinkError {
     let address = path.to_owned();
     match error.kind() {
-        // The serial crate says `NoDevice` for "somebody holds it" and NotFound for "is not there".
+        // The serial crate reports `NoDevice` for a port that another process holds, and `NotFound` for a missing
+        // port.
         ErrorKind::NoDevice => LinkError::Busy { address },
         ErrorKind::Io(io::ErrorKind::NotFound) => LinkError::Missing { address },
         ErrorKind::Io(io::ErrorKind::PermissionDenied) => LinkError::Denied { address },
@@ -136,16 +138,15 @@ fn tcp_error(address: String, source: io::Error) -> LinkError {
     }
 }
 
-/// A pty for a simulated device: a stream for the device, and the path that a client opens.
+/// A pty for a simulated device: the device's stream, and the path that a client opens.
 pub struct Pty {
     pub device: SerialStream,
     pub path: String,
-    /// Held open, so that the device outlives its clients as a real one does; `None` where somebody
-    /// else holds it.
+    /// Held open, so that the device outlives its clients as a real device does; `None` if another owner holds it.
     pub client_side: Option<SerialStream>,
 }
 
-/// Make a pty in raw mode.
+/// Makes a pty in raw mode.
 pub fn pty() -> Result<Pty, LinkError> {
     let fault = |source: io::Error| LinkError::Open { address: "a new pty".to_owned(), source };
     let (device, client_side) =

@@ -1,4 +1,4 @@
-//! Every byte of every link with its time, in a file.
+//! Capture file: every byte of every link, with its time.
 //!
 //! ```text
 //! # trued-capture 1
@@ -7,13 +7,13 @@
 //! 0.002195 1 < [AXS:5:XYZBC]\r\nok\r\n
 //! ```
 //!
-//! A line is: seconds since the beginning, the link's number, a mark, the rest. `=` opens the link (once
-//! more after it was lost): how it speaks (`lines`, `modbus-rtu`, `modbus-tcp`, `files`, `samples`) and its name; `>` is
-//! what was sent, `<` what came, with `\n`, `\r`, `\t`, `\\`, `\'`, `\"` and `\xNN` for what is not printable.
-//! Of shared files each is a file's name and, behind a line feed, its text; a name alone is one that is not
-//! there. What is read stands there when it has changed. Of a sensor it is what was asked of it and the samples
-//! that it gave, whatever it speaks: frames and bytes that come unasked fit no command, and could not be
-//! replayed. Lines that begin with `#` are comments.
+//! Each line holds: seconds since the start, the number of the link, a mark, the content. `=` opens the link (again
+//! after a loss): its protocol (`lines`, `modbus-rtu`, `modbus-tcp`, `files`, `samples`) and its name. `>` marks
+//! sent bytes, `<` received bytes, with `\n`, `\r`, `\t`, `\\`, `\'`, `\"` and `\xNN` for bytes that are not
+//! printable. For shared files, the content is the name of a file and, after a line feed, its text; a name alone is
+//! a missing file. A read is recorded only if the text has changed. For a sensor, the content is the requests and
+//! the samples that it returned, whatever its protocol: frames and bytes sent without a request belong to no
+//! command, so a replay could not return them. Lines that begin with `#` are comments.
 
 use std::fmt;
 use std::fs::File;
@@ -28,7 +28,7 @@ use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 
 pub(super) const HEAD: &str = "# trued-capture 1";
 
-/// How the bytes of a link are to be understood.
+/// Protocol of a link: how a reader must interpret the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Speech {
     Lines,
@@ -53,7 +53,7 @@ impl Speech {
     }
 }
 
-/// The file that is written.
+/// Capture file that is being written.
 #[derive(Clone)]
 pub struct Capture {
     begun: Instant,
@@ -67,14 +67,14 @@ struct Out {
 }
 
 impl Capture {
-    /// Begin a new file.
+    /// Creates a new file.
     ///
     /// # Errors
-    /// It is there already, or cannot be made.
+    /// The file exists already, or cannot be created.
     pub fn create(path: &Path) -> io::Result<Self> {
         let mut file = File::create_new(path)?;
         if let Err(error) = writeln!(file, "{HEAD}") {
-            // An empty file would stand in the way of the next one.
+            // An empty file would block the next attempt.
             let _ = std::fs::remove_file(path);
             return Err(error);
         }
@@ -82,10 +82,10 @@ impl Capture {
         Ok(Self { begun: Instant::now(), out })
     }
 
-    /// Whether everything is in the file: a run goes on without it.
+    /// Whether all lines are in the file. A run continues after a write error.
     ///
     /// # Errors
-    /// The first fault met.
+    /// The first write error.
     pub fn finish(&self) -> io::Result<()> {
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
         out.failed.take().map_or_else(|| out.file.sync_all(), Err)
@@ -103,15 +103,15 @@ impl Capture {
         if out.failed.is_some() {
             return;
         }
-        // With the lock held: lines stand in the order of their times.
+        // The lock is held, so that the lines are in the order of their times.
         let seconds = self.begun.elapsed().as_secs_f64();
         let line = format!("{seconds:.6} {link} {mark} {text}\n");
-        // One write a line: a crash leaves whole lines.
+        // One write per line: after a crash, all lines are complete.
         out.failed = out.file.write_all(line.as_bytes()).err();
     }
 }
 
-/// One link's place in a capture.
+/// Recorder of one link.
 #[derive(Clone)]
 pub(super) struct Tap {
     capture: Capture,
@@ -120,7 +120,7 @@ pub(super) struct Tap {
 }
 
 impl Tap {
-    /// `stream`, listened to.
+    /// Wraps `stream`, so that its bytes are recorded.
     pub(super) fn on<S: AsyncRead + AsyncWrite>(&self, stream: S) -> Tapped<S> {
         self.opened();
         Tapped { stream: Box::pin(stream), tap: self.clone() }

@@ -1,13 +1,13 @@
-//! Time as a seam: real machines use the host's monotonic clock, simulated ones their own.
+//! Clock trait: real machines use the host's monotonic clock, simulated machines their own.
 
 use std::time::Instant;
 
-/// Seconds since an arbitrary start; never goes back.
+/// Time in seconds since an arbitrary start. Never decreases.
 pub trait Clock: Send + Sync {
     fn now_s(&self) -> f64;
 }
 
-/// The host's monotonic clock, zero when made.
+/// The host's monotonic clock; zero at creation.
 #[derive(Debug)]
 pub struct HostClock(Instant);
 

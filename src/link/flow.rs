@@ -1,6 +1,5 @@
-//! What a device sends unasked, as it comes, for as long as it likes: bytes with the time at which they
-//! were read. Nobody needs to read them; then the oldest are forgotten. Several handles may share one stream:
-//! each gets all bytes.
+//! Byte stream of a device that sends without a request: each read with its time. The reader may fall behind; the
+//! queue then drops the oldest reads. Several handles may share one stream: each handle receives all bytes.
 
 use std::future::Future;
 use std::io;
@@ -16,29 +15,29 @@ use super::capture::Speech;
 use super::owner::{Ends, Owner, Sink, start};
 use super::wiring::Wiring;
 
-/// Reads that are kept: more than eight seconds of a device that speaks a thousand times a second.
+/// Maximum number of reads in the queue: more than eight seconds of a device that sends 1000 times per second.
 const KEPT: usize = 8192;
 
-/// What came.
+/// Data from the stream.
 #[derive(Debug, Clone)]
 pub enum Came {
-    /// In one read, at that time.
+    /// Bytes of one read, and the time of the read.
     Bytes(Instant, Arc<[u8]>),
-    /// More than is kept: what came before was forgotten, unread.
+    /// Queue overflow: older bytes were dropped unread.
     Forgotten,
 }
 
-/// Bytes and when they were read; or why no more will come.
+/// Bytes and the time of the read, or the reason why the stream has ended.
 type Heard = Result<(Instant, Arc<[u8]>), String>;
 
-/// The handle: bytes in and out.
+/// Handle of a stream: receives and sends bytes.
 pub struct Flow {
     stream: Arc<SharedStream>,
     incoming: broadcast::Receiver<Heard>,
     lost: Option<String>,
 }
 
-/// What all handles of one stream share.
+/// State that all handles of one stream share.
 struct SharedStream {
     name: String,
     reads: broadcast::WeakSender<Heard>,
@@ -47,18 +46,18 @@ struct SharedStream {
     request_turn: Arc<Mutex<RequestTurn>>,
 }
 
-/// Held from a request to its reply: handles of one stream send requests one at a time.
+/// Lock held from a request to its reply: the handles of one stream send one request at a time.
 #[derive(Default)]
 pub struct RequestTurn {
-    /// A reply that did not come in time may still come.
+    /// Whether a reply that is late may still arrive.
     pub reply_owed: bool,
 }
 
-/// Leads to an open stream, and does not keep it open.
+/// Weak reference to an open stream; does not keep the stream open.
 pub(super) struct WeakFlow(Weak<SharedStream>);
 
 impl WeakFlow {
-    /// One more handle; `None` where the stream is closed or lost. It gets what comes from now on.
+    /// Returns one more handle, which receives the bytes from now on; `None` if the stream is closed or lost.
     pub(super) fn upgrade(&self) -> Option<Flow> {
         let stream = self.0.upgrade()?;
         let incoming = stream.reads.upgrade()?.subscribe();
@@ -67,7 +66,7 @@ impl WeakFlow {
 }
 
 impl Flow {
-    /// Over a stream inside this process, owned by a task of the caller's runtime.
+    /// Wraps a stream inside this process; a task of the caller's runtime owns the stream.
     pub fn over(
         name: impl Into<String>,
         stream: impl AsyncRead + AsyncWrite + Send + 'static,
@@ -77,7 +76,7 @@ impl Flow {
         flow
     }
 
-    /// Start the owning thread and let it open its stream.
+    /// Starts the owning thread, which opens the stream.
     pub(super) async fn opened<S: AsyncRead + AsyncWrite + Send + 'static>(
         name: String,
         open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
@@ -94,7 +93,7 @@ impl Flow {
     fn ends(name: String) -> (Self, Ends<Reads>) {
         let (reads, incoming) = broadcast::channel(KEPT);
         let (outgoing, queued) = mpsc::unbounded_channel();
-        // Nothing overtakes: no move waits on a sensor's wire.
+        // No urgent queue is needed: no motion depends on a sensor's stream.
         let (_, urgent_queue) = mpsc::unbounded_channel();
         let (empty, emptied) = mpsc::unbounded_channel();
         let (reads_weak, request_turn) = (reads.downgrade(), Arc::default());
@@ -112,7 +111,7 @@ impl Flow {
         self.stream.request_turn.clone()
     }
 
-    /// Queue bytes; they are written whole, in order.
+    /// Queues bytes. They are written completely and in order.
     ///
     /// # Errors
     /// The link is lost.
@@ -120,18 +119,18 @@ impl Flow {
         self.stream.outgoing.send(bytes.to_vec()).map_err(|_| self.gone())
     }
 
-    /// Forget what has come and was not taken, be it still in the kernel. (What an adapter holds back
-    /// for its next packet nobody can see.)
+    /// Drops all bytes that have arrived but were not read, including bytes in the kernel's buffer. (Bytes that an
+    /// adapter holds back for its next packet are not visible.)
     ///
     /// # Errors
     /// The link is lost.
     pub async fn forget(&mut self) -> Result<(), LinkError> {
         let (told, emptied) = oneshot::channel();
         if self.stream.empty.send(told).is_ok() {
-            // An owner that ends meanwhile is seen below.
+            // If the owner ends meanwhile, the check below detects it.
             let _ = emptied.await;
         }
-        // Why it was lost stands behind all that came: it is looked for before it is forgotten.
+        // The reason for the loss is the last entry of the queue: read it before the queue is dropped.
         if self.incoming.is_closed() {
             while let Ok(came) = self.incoming.try_recv() {
                 self.lost = came.err().or(self.lost.take());
@@ -142,12 +141,12 @@ impl Flow {
         Ok(())
     }
 
-    /// What came next, or `None` when `deadline` has passed. Once lost, it stays lost.
+    /// Next data, or `None` after `deadline`. A lost link stays lost.
     ///
     /// # Errors
     /// The link is lost.
     pub async fn recv_deadline(&mut self, deadline: Instant) -> Result<Option<Came>, LinkError> {
-        // What is dropped here waits on a channel, not on the device.
+        // The dropped future waits on a channel, not on the device.
         match timeout_at(deadline, self.incoming.recv()).await {
             Err(_) => Ok(None),
             Ok(Ok(Ok((at, bytes)))) => Ok(Some(Came::Bytes(at, bytes))),
@@ -170,7 +169,7 @@ struct Reads(broadcast::Sender<Heard>);
 
 impl Sink for Reads {
     fn take(&mut self, bytes: &[u8]) -> io::Result<()> {
-        // Nobody listens any more: `unwanted` tells it.
+        // No receiver is left: `unwanted` reports it.
         let _ = self.0.send(Ok((Instant::now(), bytes.into())));
         Ok(())
     }
@@ -207,7 +206,7 @@ mod tests {
             far.write_all(b"old").await.unwrap();
             tokio::task::yield_now().await;
         }
-        // `None`: told that something is missing.
+        // `None` reports that bytes are missing.
         assert_eq!(next(&mut flow).await, None);
         assert_eq!(next(&mut flow).await.unwrap(), b"old");
         flow.forget().await.unwrap();
@@ -215,7 +214,8 @@ mod tests {
         assert_eq!(next(&mut flow).await.unwrap(), b"new");
     }
 
-    /// The owner has not run since these bytes came: they wait where the kernel would keep them.
+    /// The owner has not run since these bytes arrived: they are still in the duplex buffer, which stands in for the
+    /// kernel's.
     #[tokio::test]
     async fn what_nobody_has_read_yet_is_forgotten_as_well() {
         let (near, mut far) = tokio::io::duplex(1 << 16);

@@ -1,5 +1,5 @@
-//! Text files that a device and the daemon share, as a port: what is written and what is read goes into a
-//! capture, and comes from one.
+//! Folder of text files that a device and the daemon share, as a port. A capture records writes and reads; a replay
+//! returns them.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -10,19 +10,19 @@ use std::sync::{Mutex, PoisonError};
 use super::capture::Speech;
 use super::wiring::{Wired, Wiring};
 
-/// A folder that both sides see.
+/// Folder that both sides can access.
 pub struct Folder {
     path: PathBuf,
     wired: Wired,
-    /// What was read last: a capture holds what has changed.
+    /// Text of each file at the last read: a capture records changes only.
     seen: Mutex<BTreeMap<String, Option<String>>>,
 }
 
 impl Folder {
-    /// The folder at `path`, made if it is missing.
+    /// Opens the folder at `path`; creates it if it is missing.
     ///
     /// # Errors
-    /// It cannot be made.
+    /// The folder cannot be created.
     pub fn open(path: &Path) -> io::Result<Self> {
         let wired = Wiring::current().of(&path.display().to_string(), Speech::Files);
         match &wired {
@@ -36,15 +36,15 @@ impl Folder {
         Ok(Self { path: path.to_owned(), wired, seen: Mutex::default() })
     }
 
-    /// Where the file `name` is.
+    /// Path of the file `name`.
     pub fn at(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 
-    /// Replace the file `name` whole: nobody sees a part of it.
+    /// Replaces the file `name` atomically: no reader sees a part of it.
     ///
     /// # Errors
-    /// It cannot be written; a capture that knows another text here.
+    /// The file cannot be written, or the replayed capture holds another text here.
     pub fn write(&self, name: &str, text: &str) -> io::Result<()> {
         let told = format!("{name}\n{text}");
         match &self.wired {
@@ -57,10 +57,10 @@ impl Folder {
         fs::rename(&fresh, self.at(name))
     }
 
-    /// Take the file `name` away, if it is there.
+    /// Removes the file `name`, if it exists.
     ///
     /// # Errors
-    /// It cannot be taken away.
+    /// The file cannot be removed.
     pub fn remove(&self, name: &str) -> io::Result<()> {
         if matches!(self.wired, Wired::Played(_)) {
             return Ok(());
@@ -71,10 +71,10 @@ impl Folder {
         }
     }
 
-    /// What the file `name` holds now; `None`: it is not there.
+    /// Text of the file `name`; `None` if the file does not exist.
     ///
     /// # Errors
-    /// It cannot be read, or is no text.
+    /// The file cannot be read, or is not text.
     pub fn read(&self, name: &str) -> io::Result<Option<String>> {
         if let Wired::Played(player) = &self.wired {
             let said = String::from_utf8(player.ask(name.as_bytes())?).map_err(io::Error::other)?;

@@ -1,4 +1,4 @@
-//! Any bytes, cut anywhere.
+//! Fuzz tests: arbitrary bytes, split at arbitrary positions.
 
 use super::Replay;
 use super::capture::Speech;

@@ -1,5 +1,5 @@
-//! Links: the byte stream (serial, TCP, pty, in-process), Modbus registers and shared files;
-//! capture and replay of them; the clock seam. Knows no device.
+//! Links: the byte stream (serial, TCP, pty, in-process), Modbus registers and shared files; their capture and
+//! replay; the clock trait. This package contains no device-specific code.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -40,7 +40,7 @@ pub use stream::{Link, Urgent};
 pub use talk::Talk;
 pub use wiring::Wiring;
 
-/// What can go wrong on a link.
+/// Errors of a link.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     #[error("{address} does not exist")]
@@ -65,7 +65,7 @@ fn list(names: &[String]) -> String {
 }
 
 impl LinkError {
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
             Self::Missing { .. } => {

@@ -1,19 +1,19 @@
-//! Bytes to lines, whatever arrives: split anywhere, unreadable, endless.
+//! Assembles lines from bytes that arrive in any pieces. Unreadable bytes and endless lines are reported as noise.
 
-/// Longest line that is passed on; a longer one is as unreadable as noise.
+/// Maximum length of a line, bytes; a longer line counts as noise.
 const LONGEST: usize = 4096;
 
-/// What a peer said.
+/// Data that a peer has sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Received {
-    /// One complete line without its end.
+    /// One complete line without its line ending.
     Line(String),
-    /// Bytes that are no text: line noise, a wrong speed, a wrong device. The rest of the line they
-    /// stood in is dropped.
+    /// Bytes that are not text: line noise, a wrong baud rate, a wrong device. The rest of the same line is
+    /// dropped.
     Noise { bytes: usize },
 }
 
-/// Puts lines together across reads.
+/// Assembles lines across reads.
 #[derive(Debug, Default)]
 pub(super) struct Assembler {
     partial: Vec<u8>,
@@ -21,8 +21,8 @@ pub(super) struct Assembler {
 }
 
 impl Assembler {
-    /// Everything that `bytes` completes, in order. Noise is told at once, not at the end of a line
-    /// that may never come.
+    /// Returns all lines that `bytes` completes, in order. Noise is reported immediately, because the end of its
+    /// line may never arrive.
     pub(super) fn take(&mut self, bytes: &[u8]) -> Vec<Received> {
         let mut received = Vec::new();
         for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
@@ -41,7 +41,7 @@ impl Assembler {
     fn judge(&mut self, complete: bool) -> Option<Received> {
         let text = match std::str::from_utf8(&self.partial) {
             Ok(text) => Some(text),
-            // A character may be split between two reads.
+            // A UTF-8 character may be split between two reads.
             Err(error) if error.error_len().is_none() && !complete => {
                 std::str::from_utf8(&self.partial[..error.valid_up_to()]).ok()
             }

@@ -1,4 +1,4 @@
-//! How a person names a link: `serial`, `serial_id` or `tcp`.
+//! Link settings in a file: `serial`, `serial_id` or `tcp`.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -9,17 +9,17 @@ use serde::Deserialize;
 use super::wiring::Wiring;
 use super::{Address, BY_ID, LinkError, by_id};
 
-/// `timeout_s` of a link.
+/// Converts the key `timeout_s` of a link.
 ///
 /// # Errors
-/// A time that no link should wait, in words.
+/// A time out of range; as a message.
 pub fn timeout(seconds: f64) -> Result<Duration, String> {
     let sensible = (0.01..=30.0).contains(&seconds);
     let words = || "`timeout_s` is a time from 0.01 to 30".to_owned();
     sensible.then(|| Duration::from_secs_f64(seconds)).ok_or_else(words)
 }
 
-/// A name or an address, a colon and a port; whether somebody listens there shows on opening.
+/// A host name or address, a colon and a port. Whether a server listens there is known only after opening.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub struct HostPort {
@@ -53,14 +53,14 @@ impl From<&HostPort> for Address {
     }
 }
 
-/// A link by the one name that it was given.
+/// Link settings by the one key that the file contains.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Named {
     Serial {
         path: PathBuf,
         baud: u32,
     },
-    /// A port by its name below [`BY_ID`], or a part of that name.
+    /// A port by its name below [`BY_ID`], or by a part of that name.
     SerialId {
         id: String,
         baud: u32,
@@ -79,7 +79,7 @@ impl fmt::Display for Named {
 }
 
 impl Named {
-    /// With its speed.
+    /// Description with the baud rate.
     pub fn in_full(&self) -> String {
         match self {
             Self::Serial { baud, .. } | Self::SerialId { baud, .. } => {
@@ -89,7 +89,7 @@ impl Named {
         }
     }
 
-    /// The speed that is set, where there is one.
+    /// Baud rate of a serial port; `None` for TCP.
     pub fn baud(&self) -> Option<u32> {
         match self {
             Self::Serial { baud, .. } | Self::SerialId { baud, .. } => Some(*baud),
@@ -106,10 +106,10 @@ impl Named {
         }
     }
 
-    /// From the keys of a table; a serial port without `baud` gets `usual`.
+    /// Builds the settings from the keys of a table; a serial port without `baud` gets `usual`.
     ///
     /// # Errors
-    /// None or several of the three; a baud rate beside `tcp`. In words.
+    /// None or several of the three keys, or a baud rate together with `tcp`; as a message.
     pub fn of(
         keys: (Option<PathBuf>, Option<String>, Option<HostPort>),
         baud: Option<u32>,
@@ -129,16 +129,16 @@ impl Named {
         }
     }
 
-    /// Where it leads at this moment.
+    /// Present address of the link.
     ///
     /// # Errors
-    /// No one port of that name.
+    /// No port, or more than one port, matches the name.
     pub fn address(&self) -> Result<Address, LinkError> {
         let serial =
             |path: &Path, baud: u32| Address::Serial { path: path.display().to_string(), baud };
         Ok(match self {
             Self::Serial { path, baud } => serial(path, *baud),
-            // A capture answers: the port need not be there.
+            // A replayed capture answers, so the port need not exist.
             Self::SerialId { id, baud } if Wiring::current().is_replayed() => {
                 serial(Path::new(id), *baud)
             }

@@ -1,6 +1,6 @@
-//! The one task that owns a byte stream, on a thread of its own: whatever computes or waits elsewhere,
-//! an urgent byte goes out, and what comes is taken when it comes. The handles are channels: a dropped
-//! or timed-out wait never drops an IO operation half-way.
+//! The one task that owns a byte stream, on a thread of its own. Whatever other threads do, urgent bytes are sent
+//! and incoming bytes are read without delay. The handles are channels: a dropped or timed-out future never
+//! interrupts an IO operation.
 
 use std::collections::VecDeque;
 use std::future::{Future, poll_fn};
@@ -16,20 +16,21 @@ use tokio::time::timeout;
 
 use super::LinkError;
 
-/// How long the last words may take once the handle is gone.
+/// Maximum time for the last writes after the handle is dropped.
 const LAST_WORDS: Duration = Duration::from_secs(1);
 
-/// Reads that what waits in the kernel may take, and looks in a row that find nothing there.
+/// Maximum number of reads that empty the kernel's buffer, and the number of consecutive polls without data after
+/// which it counts as empty.
 const MOST_WAITING: usize = 64;
 const QUIET: usize = 2;
 
-/// Where an owner leaves what comes.
+/// Receiver of the incoming bytes.
 pub(super) trait Sink: Send + 'static {
-    /// Bytes that came just now. An error ends the link.
+    /// Takes bytes that have just arrived. An error ends the link.
     fn take(&mut self, bytes: &[u8]) -> io::Result<()>;
-    /// Ends when nobody can read any more.
+    /// Ends when no reader is left.
     fn unwanted(&self) -> impl Future<Output = ()> + Send;
-    /// The last thing said: why the link is lost.
+    /// Reports the reason for the lost link, as the last message.
     fn lost(self, why: String) -> impl Future<Output = ()> + Send;
 }
 
@@ -38,16 +39,16 @@ pub(super) struct Ahead {
     pub(super) last: bool,
 }
 
-/// The other ends of the handles' channels.
+/// Receiving ends of the handles' channels.
 pub(super) struct Ends<K> {
     pub(super) sink: K,
     pub(super) queued: mpsc::UnboundedReceiver<Vec<u8>>,
     pub(super) urgent_queue: mpsc::UnboundedReceiver<Ahead>,
-    /// Who wants to be told once all that has come already was left with the sink.
+    /// Callers to be notified once all bytes that have already arrived are passed to the sink.
     pub(super) emptied: mpsc::UnboundedReceiver<oneshot::Sender<()>>,
 }
 
-/// A thread that opens a stream, says whether it could, and owns it to the end.
+/// Starts a thread that opens a stream, reports the result, and owns the stream to its end.
 pub(super) fn start<S: AsyncRead + AsyncWrite + Send + 'static>(
     ends: Ends<impl Sink>,
     open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
@@ -66,14 +67,14 @@ pub(super) fn start<S: AsyncRead + AsyncWrite + Send + 'static>(
     Ok(())
 }
 
-/// What the task owns.
+/// State of the owning task.
 pub(super) struct Owner<S, K> {
     reader: ReadHalf<S>,
     writer: WriteHalf<S>,
     ends: Ends<K>,
-    /// After a hold nothing but urgent bytes goes out.
+    /// After a hold, only urgent bytes are sent.
     closed: bool,
-    /// Messages to be written; of the first, some bytes may be gone already.
+    /// Messages to be written; a part of the first message may already be written.
     pending: VecDeque<Message>,
 }
 
@@ -101,11 +102,11 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
         self.ends.sink.lost(why).await;
     }
 
-    /// Read and write until the handle is dropped (`Ok`) or the link is lost.
+    /// Reads and writes until the handle is dropped (`Ok`) or the link is lost.
     async fn pump(&mut self) -> io::Result<()> {
         let mut buffer = [0; 4096];
         loop {
-            // `read`, `write` and `recv` are cancel safe: a branch not taken has moved no byte.
+            // `read`, `write` and `recv` are cancel safe: a branch that is not taken has moved no byte.
             tokio::select! {
                 biased;
                 Some(ahead) = self.ends.urgent_queue.recv() => self.put_ahead(ahead),
@@ -117,7 +118,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
                     Some(bytes) => self.pending.push_back(Message { bytes, written: 0, urgent: false }),
                     None => return Ok(()),
                 },
-                // The peer may have stopped reading: then the queue never comes to its end.
+                // If the peer has stopped reading, the queue never becomes empty.
                 () = self.ends.sink.unwanted() => return Ok(()),
                 Some(told) = self.ends.emptied.recv() => {
                     self.take_waiting(&mut buffer).await?;
@@ -138,7 +139,8 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
         self.ends.sink.take(buffer.get(..count).unwrap_or_default())
     }
 
-    /// All that waits in the kernel by now. Of a device that never pauses, no more than fits there.
+    /// Reads all bytes in the kernel's buffer. Of a device that never pauses, it reads at most what fits into that
+    /// buffer.
     async fn take_waiting(&mut self, buffer: &mut [u8]) -> io::Result<()> {
         let mut quiet = 0;
         for _ in 0..MOST_WAITING {
@@ -150,7 +152,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
                     self.leave(buffer, count)?;
                     quiet = 0;
                 }
-                // The kernel is asked again once the runtime has looked there.
+                // The runtime polls the kernel before the next read.
                 Poll::Pending if quiet < QUIET => {
                     quiet += 1;
                     yield_now().await;
@@ -161,7 +163,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
         Ok(())
     }
 
-    /// Behind a message that has begun and earlier urgent ones, ahead of all others.
+    /// Inserts a message after a partly written message and earlier urgent messages, but before all others.
     fn put_ahead(&mut self, ahead: Ahead) {
         let goes_first = |message: &&Message| message.urgent || message.written > 0;
         let place = self.pending.iter().take_while(goes_first).count();
@@ -172,7 +174,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
         self.pending.insert(place, Message { bytes: ahead.bytes, written: 0, urgent: true });
     }
 
-    /// A hold that was asked for in the last moment still goes out.
+    /// Sends what is queued when the handle is dropped, including a hold.
     async fn say_last_words(&mut self) {
         while let Ok(bytes) = self.ends.queued.try_recv() {
             if self.closed {

@@ -1,5 +1,5 @@
-//! Ports that several devices share: a serial port, or a converter behind TCP, is opened once, and each of
-//! them gets its own handle.
+//! Ports that several devices share: a serial port, or a converter behind TCP, is opened once, and each device gets
+//! its own handle.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,8 +11,8 @@ use super::flow::WeakFlow;
 use super::modbus::{Framing, Line, Modbus, ModbusError, Settings, WeakModbus};
 use super::{Address, Flow, LinkError, listen};
 
-/// The open ports. A port is closed with the last of its handles; one that is lost is opened anew by the next
-/// device that asks for it.
+/// The open ports. A port is closed when its last handle is dropped; the next device that uses a lost port reopens
+/// it.
 #[derive(Clone, Default)]
 pub struct SharedPorts(Arc<Mutex<OpenPorts>>);
 
@@ -23,10 +23,10 @@ struct OpenPorts {
 }
 
 impl SharedPorts {
-    /// A handle to the stream at `address`, which is opened unless it is open.
+    /// Returns a handle to the stream at `address`; opens the stream if it is not open.
     ///
     /// # Errors
-    /// What opening says.
+    /// The stream cannot be opened.
     pub async fn listen(&self, address: &Address) -> Result<Flow, LinkError> {
         let mut open = self.0.lock().await;
         let key = port_key(address);
@@ -38,11 +38,11 @@ impl SharedPorts {
         Ok(flow)
     }
 
-    /// A handle to the device of `settings` on `line`. An RTU line is opened unless it is open; over Modbus TCP
-    /// each device has its own connection.
+    /// Returns a handle to the device of `settings` on `line`. An RTU line is opened if it is not open; over Modbus
+    /// TCP each device has its own connection.
     ///
     /// # Errors
-    /// What opening says.
+    /// The line cannot be opened.
     pub async fn modbus(&self, line: Line, settings: Settings) -> Result<Modbus, ModbusError> {
         if line.framing == Framing::Tcp {
             return Modbus::open(line, settings).await;
@@ -59,7 +59,7 @@ impl SharedPorts {
     }
 }
 
-/// The same for all names of one port.
+/// Key of a port, the same for all names of one port.
 fn port_key(address: &Address) -> String {
     match address {
         Address::Serial { path, baud } => {

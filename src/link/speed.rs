@@ -1,6 +1,6 @@
-//! A serial line between two sides whose speeds differ. A pseudo-terminal carries every byte whatever the
-//! speed, but it keeps the speed that its client has set: from both speeds follows what each side would
-//! hear on a real line. A tool to test with; it knows no device.
+//! Simulated serial line between two sides with different baud rates. A pseudo-terminal transfers every byte
+//! whatever the baud rate, but it stores the rate that its client has set. From both rates, this module computes
+//! the bytes that each side would receive on a real line. For tests only; contains no device-specific code.
 
 use std::io;
 
@@ -9,19 +9,19 @@ use tokio_serial::{SerialPort, SerialStream};
 
 use super::{LinkError, Pty, pty};
 
-/// Start bit, eight data bits, stop bit.
+/// Bits of one character: start bit, eight data bits, stop bit.
 const BITS: u64 = 10;
 const DATA: u64 = 8;
-/// What a system makes of a character without its stop bit (termios: neither IGNPAR nor PARMRK).
+/// Byte that the operating system returns for a framing error (termios: neither IGNPAR nor PARMRK).
 const UNFRAMED: u8 = 0;
 
-/// What a receiver at `heard` baud makes of `bytes`, sent one right after the other at `sent` baud. It
-/// waits for the line to fall and looks at the middle of each of its own bits.
+/// Returns the bytes that a receiver at `heard` baud decodes from `bytes`, sent without pauses at `sent` baud. The
+/// receiver waits for a falling edge and samples the middle of each of its own bits.
 pub fn heard(bytes: &[u8], sent: u32, heard: u32) -> Vec<u8> {
     if sent == heard || sent == 0 || heard == 0 {
         return bytes.to_vec();
     }
-    // Time is counted so that half a bit of either side is a whole number.
+    // Time unit: half a bit of either side is an integer.
     let (bit, half) = (2 * u64::from(heard), u64::from(sent));
     let level = |time: u64| level(bytes, time / bit);
     let end = BITS * bytes.len() as u64;
@@ -34,19 +34,19 @@ pub fn heard(bytes: &[u8], sent: u32, heard: u32) -> Vec<u8> {
         let framed = sample(DATA + 1);
         let over = start + (2 * (DATA + 1) + 1) * half;
         if sample(0) {
-            // A flicker shorter than half a bit is no start.
+            // A low pulse shorter than half a bit is not a start bit.
             place = fall + 1;
             continue;
         }
         received.push(if framed { byte } else { UNFRAMED });
         let rest = over / bit;
-        // The next character begins with a fall: the line has to be high before.
+        // The next character begins with a falling edge, so the line must be high before.
         place = (rest..end).find(|place| self::level(bytes, *place)).unwrap_or(end);
     }
     received
 }
 
-/// The line during bit `place` of `bytes`; high when nothing is sent.
+/// Level of the line during bit `place` of `bytes`; high when nothing is sent.
 fn level(bytes: &[u8], place: u64) -> bool {
     let byte = usize::try_from(place / BITS).ok().and_then(|at| bytes.get(at));
     match (byte, place % BITS) {
@@ -57,11 +57,11 @@ fn level(bytes: &[u8], place: u64) -> bool {
     }
 }
 
-/// A pty for a simulated device that speaks at `baud`: who opens it at another speed hears, and is
-/// heard, as on a real line. Call inside a tokio runtime.
+/// Makes a pty for a simulated device at `baud`. With a client at another baud rate, both sides receive the bytes
+/// that a real line would give. Call inside a tokio runtime.
 ///
 /// # Errors
-/// What making it says.
+/// The pty cannot be made.
 pub fn pty_at(baud: u32) -> Result<Pty, LinkError> {
     let (outer, inner) = (pty()?, pty()?);
     if let (Some(client), Some(device)) = (outer.client_side, inner.client_side) {
@@ -70,7 +70,7 @@ pub fn pty_at(baud: u32) -> Result<Pty, LinkError> {
     Ok(Pty { device: inner.device, path: outer.path, client_side: None })
 }
 
-/// Until the device or the pty is gone. `client` is asked for the speed that is set.
+/// Forwards bytes until the device or the pty is closed. `client` gives the baud rate that is set.
 async fn carry(
     mut outer: SerialStream,
     client: SerialStream,
@@ -78,9 +78,9 @@ async fn carry(
     baud: u32,
 ) -> io::Result<()> {
     let (mut out, mut back) = ([0; 256], [0; 256]);
-    // What ends is told as nothing read, or as an error.
+    // The end of a stream appears as zero bytes read, or as an error.
     loop {
-        // `read` is cancel safe: a branch not taken has moved no byte.
+        // `read` is cancel safe: a branch that is not taken has moved no byte.
         tokio::select! {
             count = outer.read(&mut out) => match count? {
                 0 => return Ok(()),
@@ -110,11 +110,11 @@ mod tests {
     fn bytes_at_another_speed_are_what_a_receiver_samples() {
         assert_eq!(heard(b"ok\r\n", 9600, 9600), b"ok\r\n");
 
-        // A start bit of half its length is a flicker to the slower one; one of the other level all along
-        // never ends for the faster one.
+        // For the slower receiver, a start bit of half its length is a short pulse; for the faster receiver, a bit
+        // of the other level has no end.
         assert_eq!(heard(&[0xff], 115_200, 57_600), [0; 0]);
         assert_eq!(heard(&[0x00], 9_600, 19_200), [0x00]);
-        // The start bit alone is seen as a start bit and three zeros by a receiver four times as fast.
+        // A receiver four times as fast takes the start bit alone for a start bit and three zeros.
         assert_eq!(heard(&[0xff], 9_600, 38_400), [0xf8]);
         assert_ne!(heard(b"<Idle|MPos:0.000>", 115_200, 57_600), b"<Idle|MPos:0.000>");
     }
@@ -124,7 +124,7 @@ mod tests {
         let mut pty = pty_at(38_400).unwrap();
         let mut buffer = [0; 64];
         for (baud, clear) in [(38_400, true), (115_200, false), (38_400, true)] {
-            // The last one closes its port on a thread of its own.
+            // The previous link closes its port on a thread of its own.
             let mut link = open(&Address::Serial { path: pty.path.clone(), baud }).await.unwrap();
             link.send(b"?\n").unwrap();
             let count = pty.device.read(&mut buffer).await.unwrap();

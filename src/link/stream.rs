@@ -1,4 +1,4 @@
-//! Lines in, bytes out, with an urgent way past all that is queued.
+//! Link with lines in and bytes out; urgent bytes overtake all queued bytes.
 
 use std::future::Future;
 use std::io;
@@ -14,10 +14,10 @@ use super::lines::{Assembler, Received};
 use super::owner::{Ahead, Ends, Sink, start};
 use super::wiring::Wiring;
 
-/// Lines that may wait for their reader. A peer that floods more is the wrong peer.
+/// Maximum number of lines in the queue to the reader. A peer that sends more is the wrong device.
 const WAITING_LINES: usize = 4096;
 
-/// The handle: lines in, bytes out.
+/// Handle of a link: receives lines, sends bytes.
 pub struct Link {
     name: String,
     incoming: mpsc::Receiver<Result<Received, String>>,
@@ -26,9 +26,8 @@ pub struct Link {
     lost: Option<String>,
 }
 
-/// Sends ahead of everything that is queued, from any thread, without blocking. It never splits a
-/// message whose first byte is on its way. On a lost link nothing is sent and nothing is said: the
-/// error comes to whoever reads.
+/// Sends ahead of everything that is queued, from any thread, without blocking. It never splits a message whose
+/// first byte is already written. On a lost link it sends nothing and reports nothing: the reader gets the error.
 #[derive(Clone)]
 pub struct Urgent(mpsc::UnboundedSender<Ahead>);
 
@@ -37,7 +36,7 @@ impl Urgent {
         let _ = self.0.send(Ahead { bytes: bytes.to_vec(), last: false });
     }
 
-    /// As `send`, and whatever [`Link::send`] queued or will queue is thrown away: after a hold,
+    /// Like `send`; in addition, everything that [`Link::send`] has queued or will queue is dropped: after a hold,
     /// only urgent bytes follow.
     pub fn send_and_close(&self, bytes: &[u8]) {
         let _ = self.0.send(Ahead { bytes: bytes.to_vec(), last: true });
@@ -45,8 +44,8 @@ impl Urgent {
 }
 
 impl Link {
-    /// Start the owning thread for `stream`; `name` is how errors call it. A stream that belongs to
-    /// a runtime's reactor must be opened by [`Link::opened`].
+    /// Starts the owning thread for `stream`; `name` is the name in error messages. A stream that belongs to a
+    /// runtime's reactor must be opened by [`Link::opened`].
     pub fn over(
         name: impl Into<String>,
         stream: impl AsyncRead + AsyncWrite + Send + 'static,
@@ -54,12 +53,12 @@ impl Link {
         let (link, ends) = Self::ends(name.into());
         let (opened, _) = oneshot::channel();
         let wired = Wiring::current().of(&link.name, Speech::Lines);
-        // Without a thread the ends are dropped, and the link is lost from the start.
+        // Without a thread, the ends are dropped, and the link is lost from the start.
         let _ = start(ends, async move { wired.open(async { Ok(stream) }).await }, opened);
         link
     }
 
-    /// Start the owning thread and let it open its stream.
+    /// Starts the owning thread, which opens its stream.
     pub(super) async fn opened<S: AsyncRead + AsyncWrite + Send + 'static>(
         name: String,
         open: impl Future<Output = Result<S, LinkError>> + Send + 'static,
@@ -79,17 +78,17 @@ impl Link {
         let (urgent, urgent_queue) = mpsc::unbounded_channel();
         let link = Self { name, incoming, outgoing, urgent: Urgent(urgent), lost: None };
         let sink = Lines { assembler: Assembler::default(), lines };
-        // Nobody asks a line to be emptied.
+        // A link of lines is never emptied on request.
         let (_, emptied) = mpsc::unbounded_channel();
         (link, Ends { sink, queued, urgent_queue, emptied })
     }
 
-    /// Queue one message; it is written whole, in order.
+    /// Queues one message. It is written completely and in order.
     pub fn send(&self, bytes: &[u8]) -> Result<(), LinkError> {
         self.outgoing.send(bytes.to_vec()).map_err(|_| self.gone())
     }
 
-    /// Queue `line` and a line feed.
+    /// Queues `line` and a line feed.
     pub fn send_line(&self, line: &str) -> Result<(), LinkError> {
         self.send(format!("{line}\n").as_bytes())
     }
@@ -98,7 +97,7 @@ impl Link {
         self.urgent.clone()
     }
 
-    /// The next line, or noise. Once lost, a link stays lost.
+    /// Next line, or noise. A lost link stays lost.
     pub async fn recv(&mut self) -> Result<Received, LinkError> {
         match self.incoming.recv().await {
             Some(Ok(received)) => Ok(received),
@@ -110,8 +109,8 @@ impl Link {
         }
     }
 
-    /// What has come already, without waiting; `None`: nothing. (A deadline of now is rounded up to the
-    /// timer's next millisecond.)
+    /// Next line that has already arrived, without waiting; `None` if there is none. (A deadline of now is rounded
+    /// up to the timer's next millisecond.)
     pub fn received(&mut self) -> Result<Option<Received>, LinkError> {
         match self.incoming.try_recv() {
             Ok(Ok(received)) => Ok(Some(received)),
@@ -124,12 +123,12 @@ impl Link {
         }
     }
 
-    /// The next line, or `None` when `deadline` has passed without one.
+    /// Next line, or `None` after `deadline` without a line.
     pub async fn recv_deadline(
         &mut self,
         deadline: Instant,
     ) -> Result<Option<Received>, LinkError> {
-        // What is dropped here waits on a channel, not on the device.
+        // The dropped future waits on a channel, not on the device.
         timeout_at(deadline, self.recv()).await.ok().transpose()
     }
 
@@ -139,7 +138,7 @@ impl Link {
     }
 }
 
-/// What comes as lines.
+/// Sink that assembles lines.
 struct Lines {
     assembler: Assembler,
     lines: mpsc::Sender<Result<Received, String>>,

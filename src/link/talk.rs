@@ -1,23 +1,22 @@
-//! What a device is asked and what it says, told in lines by whoever speaks with it: for a capture of
-//! what is no stream of bytes.
+//! Capture of devices that do not use a byte stream: the driver records requests and replies as lines of text.
 
 use super::LinkError;
 use super::capture::Speech;
 use super::wiring::{Wired, Wiring};
 
-/// One device's place in a capture, or in a capture that answers instead of it.
+/// Recorder of one device, or the replay that answers in its place.
 pub struct Talk {
     name: String,
     wired: Wired,
 }
 
 impl Talk {
-    /// Nobody listens.
+    /// No capture.
     pub fn plain() -> Self {
         Self { name: String::new(), wired: Wired::Plain }
     }
 
-    /// Behind `wiring`; `name` is how the device is called.
+    /// Connects the device to `wiring`; `name` is the name of the device in the capture.
     pub fn over(wiring: &Wiring, name: &str) -> Self {
         let wired = wiring.of(name, Speech::Samples);
         if let Wired::Tapped(tap) = &wired {
@@ -26,17 +25,17 @@ impl Talk {
         Self { name: name.to_owned(), wired }
     }
 
-    /// Nothing is opened: a capture answers.
+    /// Whether a capture answers, so that no device is opened.
     pub fn is_replayed(&self) -> bool {
         matches!(self.wired, Wired::Played(_))
     }
 
-    /// A line that asks for something.
+    /// Records a line of a request.
     pub fn asked(&self, line: &str) {
         self.note('>', line);
     }
 
-    /// A line of the answer.
+    /// Records a line of a reply.
     pub fn said(&self, line: &str) {
         self.note('<', line);
     }
@@ -47,10 +46,10 @@ impl Talk {
         }
     }
 
-    /// The lines that were said then; none where nothing is replayed.
+    /// The captured reply lines; empty if nothing is replayed.
     ///
     /// # Errors
-    /// The capture does not know this line here.
+    /// The line does not match the capture.
     pub fn replayed(&self, line: &str) -> Result<Vec<String>, LinkError> {
         let Wired::Played(player) = &self.wired else { return Ok(Vec::new()) };
         let said = player.ask(format!("{line}\n").as_bytes()).map_err(|error| LinkError::Lost {

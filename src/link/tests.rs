@@ -126,7 +126,7 @@ async fn a_port_is_found_by_its_name_whatever_its_number() {
         let told = found(id).unwrap_err().to_string();
         assert!(told.contains(name) && told.contains("board-2"), "{told}");
     }
-    // Unplugged, and come back as another device.
+    // The device is unplugged, and comes back at another path.
     std::fs::remove_file(&link).unwrap();
     assert!(found("board-1").is_err());
     std::os::unix::fs::symlink(&after.path, &link).unwrap();

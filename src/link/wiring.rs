@@ -1,5 +1,5 @@
-//! What lies between a link and its device: nothing, a capture, or a capture instead of the device.
-//! It holds for whatever is opened while a future runs, so that no driver knows of it.
+//! Connection between a link and its device: direct, recorded by a capture, or replaced by a capture. It applies to
+//! all links that are opened while a future runs, so drivers contain no code for it.
 
 use std::pin::Pin;
 
@@ -19,7 +19,7 @@ pub enum Wiring {
     #[default]
     Plain,
     Captured(Capture),
-    /// Nothing is opened: a capture answers.
+    /// No device is opened: a capture answers.
     Replayed(Replay),
 }
 
@@ -28,12 +28,12 @@ tokio::task_local! {
 }
 
 impl Wiring {
-    /// Run `opening`; the links that it opens are wired so, to their end.
+    /// Runs `opening`; this wiring applies to the links that it opens, until they are closed.
     pub async fn during<F: Future>(self, opening: F) -> F::Output {
         WIRING.scope(self, opening).await
     }
 
-    /// That of the future that runs.
+    /// Wiring of the running future.
     pub fn current() -> Self {
         WIRING.try_with(Self::clone).unwrap_or_default()
     }
@@ -42,7 +42,7 @@ impl Wiring {
         matches!(self, Self::Replayed(_))
     }
 
-    /// For the link `name`, which may be opened more than once.
+    /// Wiring of the link `name`, which may be opened more than once.
     pub(super) fn of(&self, name: &str, speech: Speech) -> Wired {
         match self {
             Self::Plain => Wired::Plain,
@@ -52,7 +52,7 @@ impl Wiring {
     }
 }
 
-/// One link's wiring.
+/// Wiring of one link.
 pub(super) enum Wired {
     Plain,
     Tapped(Tap),
@@ -60,7 +60,7 @@ pub(super) enum Wired {
 }
 
 impl Wired {
-    /// Open the device, unless a capture answers instead.
+    /// Opens the device, unless a capture replaces it.
     pub(super) async fn open<S: Stream + 'static>(
         &self,
         open: impl Future<Output = Result<S, LinkError>>,

@@ -28,8 +28,8 @@ impl Axis {
         matches!(self, Axis::X | Axis::Y | Axis::Z)
     }
 
-    /// Nominal direction, of travel or of the axis of rotation, after ISO 841: X, Y and Z as A, B and C.
-    /// The spindle turns about Z.
+    /// Nominal direction of travel, or of the axis of rotation, after ISO 841: A, B and C rotate about X, Y and Z. The
+    /// spindle rotates about Z.
     pub fn direction(self) -> Vector3<f64> {
         match self {
             Axis::X | Axis::A => Vector3::x(),
@@ -50,7 +50,7 @@ impl Axis {
         }
     }
 
-    /// Its letter as text.
+    /// Letter of the axis as text.
     pub fn name(self) -> &'static str {
         match self {
             Axis::X => "X",
@@ -63,18 +63,18 @@ impl Axis {
         }
     }
 
-    /// Internal value (mm or rad) from an edge value (mm or degrees).
+    /// Converts a value of files and messages (mm or degrees) to the internal unit (mm or rad).
     pub fn from_edge(self, edge: f64) -> f64 {
         if self.is_linear() {
             return edge;
         }
         let rad = edge * PI / 180.0;
-        // No machine turns so far that this overflows; what a file says may.
+        // No machine reaches a value that overflows here, but a file may contain one.
         if rad.is_finite() { rad } else { edge.to_radians() }
     }
 
-    /// Edge value (mm or degrees) from an internal one (mm or rad). Degrees are rounded to 1e-9,
-    /// far below any machine's resolution, so that 120° prints as 120 and not 119.99999999999999.
+    /// Converts an internal value (mm or rad) to the unit of files and messages (mm or degrees). Degrees are rounded to
+    /// 1e-9, far below any machine's resolution, so that 120° prints as 120 and not as 119.99999999999999.
     pub fn to_edge(self, value: f64) -> f64 {
         if self.is_linear() {
             return value;
@@ -105,8 +105,7 @@ impl FromStr for Axis {
 #[error("unknown axis `{0}`; the axes are X, Y, Z, A, B, C and S")]
 pub struct UnknownAxis(pub String);
 
-/// Positions of some axes: mm for X, Y, Z; rad for A, B, C, S. Serialized as `{"X":..,"C":..}` in
-/// mm and degrees.
+/// Positions of some axes: mm for X, Y, Z; rad for A, B, C, S. Serialized as `{"X":..,"C":..}` in mm and degrees.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Position(BTreeMap<Axis, f64>);
 
@@ -128,17 +127,17 @@ impl Position {
         self.0.get(&axis).copied()
     }
 
-    /// The axis position, 0 where the axis is not named.
+    /// Position of the axis; 0 if the axis is not contained.
     pub fn at(&self, axis: Axis) -> f64 {
         self.get(axis).unwrap_or(0.0)
     }
 
-    /// Of X, Y and Z alone, mm.
+    /// Position of X, Y and Z alone, mm.
     pub fn from_xyz(xyz: Vector3<f64>) -> Self {
         Axis::LINEAR.into_iter().zip(xyz.iter().copied()).collect()
     }
 
-    /// X, Y and Z, mm; 0 where an axis is not named.
+    /// X, Y and Z, mm; 0 for an axis that is not contained.
     pub fn xyz(&self) -> Vector3<f64> {
         Axis::LINEAR.map(|axis| self.at(axis)).into()
     }
@@ -151,19 +150,19 @@ impl Position {
         self.0.is_empty()
     }
 
-    /// This position with every axis that `other` names taken from `other`.
+    /// This position, with every axis that `other` contains taken from `other`.
     pub fn updated_by(&self, other: &Position) -> Position {
         let mut merged = self.clone();
         merged.0.extend(other.iter());
         merged
     }
 
-    /// As it reads back from a file: rotary positions in whole steps of 1e-9 degrees.
+    /// The position after writing to a file and reading back: rotary positions in whole steps of 1e-9 degrees.
     pub fn as_written(&self) -> Position {
         self.iter().map(|(axis, value)| (axis, axis.from_edge(axis.to_edge(value)))).collect()
     }
 
-    /// Only the axes for which `keep` holds.
+    /// The axes for which `keep` returns true.
     pub fn only(&self, keep: impl Fn(Axis) -> bool) -> Position {
         Position(self.iter().filter(|(axis, _)| keep(*axis)).collect())
     }

@@ -1,4 +1,4 @@
-//! Points that know their frame, so that a table point is never added to a machine point.
+//! Points with their frame in the type, so that a table point is never added to a machine point.
 
 use std::marker::PhantomData;
 
@@ -7,24 +7,24 @@ use nalgebra::{IsometryMatrix3, Vector3};
 /// Machine frame: origin at the zero of the machine coordinates, directions of X, Y, Z after ISO 841.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Machine;
-/// Frame of the workpiece table: coincides with the machine frame when all axes stand at zero.
+/// Frame of the workpiece table: coincides with the machine frame when all axes are at zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Table;
-/// Frame of the spindle nose: origin at the spindle datum, turned with the spindle.
+/// Frame of the spindle nose: origin at the spindle datum, rotating with the spindle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spindle;
 
-/// Where one frame lies in another: rotation matrix and translation, mm. It takes points of the first
-/// frame to the second.
+/// Pose of one frame in another: rotation matrix and translation, mm. It transforms points of the first frame into
+/// the second.
 pub type Pose = IsometryMatrix3<f64>;
 
-/// `vector` with length 1; `None` where its length is 0 or not finite.
+/// `vector` scaled to length 1; `None` if its length is 0 or not finite.
 pub fn unit_vector(vector: Vector3<f64>) -> Option<Vector3<f64>> {
     let length = vector.norm();
     (length > 0.0 && length.is_finite()).then(|| vector / length)
 }
 
-/// Two unit vectors at right angles to the unit vector `along` and to each other: right, up and
+/// Two unit vectors, right and up, at right angles to the unit vector `along` and to each other; right, up and
 /// `along` are right-handed.
 pub fn across(along: Vector3<f64>) -> [Vector3<f64>; 2] {
     let mut aside = Vector3::zeros();

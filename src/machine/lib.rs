@@ -1,8 +1,8 @@
-//! A machine tool as data: axes and positions, the nouns of a run (plan, step, reading, estimate),
-//! kinematics, artefacts. Does no IO.
+//! Data of a machine tool: axes and positions, the records of a run (plan, step, reading, estimate), kinematics,
+//! artefacts. No IO.
 //!
-//! Lengths are mm, angles rad, times s. Other units stand only at the edges, and there the unit is in
-//! the name.
+//! Lengths are in mm, angles in rad, times in s. Other units occur only in input and output data; there the name
+//! contains the unit.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

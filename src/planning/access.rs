@@ -1,5 +1,5 @@
-//! Which touches of a ball are free at a rotary position. Simple bounds on the safe side; the proof
-//! has the last word.
+//! Accessible touches of a ball at a rotary position. The bounds are simple and conservative; the final decision is
+//! the proof's.
 
 use std::f64::consts::{PI, TAU};
 
@@ -14,8 +14,8 @@ use machine::record::machine::{Carrier, Machine};
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
-/// The four touches round the ball and where they may move to instead: by how much in azimuth, and how
-/// far up, degrees. On the equator the centre is found best: the nearest way out comes first.
+/// Alternatives to each of the four touches round the ball: offset in azimuth, and elevation, degrees. The smallest
+/// offset comes first, because touches on the equator determine the centre best.
 const INSTEAD: [(f64, f64); 12] = [
     (0.0, 0.0),
     (0.0, 15.0),
@@ -30,33 +30,33 @@ const INSTEAD: [(f64, f64); 12] = [
     (-30.0, 30.0),
     (0.0, 45.0),
 ];
-/// Paper 4, section 3.
+/// Names and azimuths, degrees, of the four touches round the ball; paper 4, section 3.
 const ROUND: [(&str, f64); 4] = [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0)];
 pub const POLE: &str = "pole";
-/// Touches further than the five are taken from that many points, spread over the upper half.
+/// Number of candidate points, spread over the upper half, for touches beyond the five.
 const SPREAD_POINTS: u32 = 90;
-/// Standard deviation of the centre in its worst direction, in those of one touch, that is still
-/// good: with all five touches it is 1.1.
+/// Maximum standard deviation of the fitted centre in its worst direction, relative to that of one touch; with all
+/// five touches it is 1.1.
 const WORST: f64 = 3.0;
 
 /// One free touch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contact {
-    /// `+45`, `-135`, `-45`, `+135`, `pole`: where it belongs, though it may have moved out of the way
-    /// of something; further ones by azimuth and elevation, `+117^35`.
+    /// Name: `+45`, `-135`, `-45`, `+135` or `pole` for the nominal position, although the touch may be moved away
+    /// from an obstacle; further touches by azimuth and elevation, `+117^35`.
     pub name: String,
     /// Outward normal, machine frame.
     pub normal: Vector3<f64>,
 }
 
 impl Contact {
-    /// Round the ball, from X towards Y; the pole behind all others.
+    /// Sort key: azimuth from X towards Y, rad; the pole comes last.
     fn place(&self) -> f64 {
         if self.name == POLE { TAU } else { self.normal.y.atan2(self.normal.x).rem_euclid(TAU) }
     }
 }
 
-/// Why a ball cannot be measured at a rotary position. `value`, `min`, `max` in mm or degrees.
+/// Reason why a ball cannot be measured at a rotary position. `value`, `min`, `max` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unreachable {
     #[error(transparent)]
@@ -84,17 +84,17 @@ pub enum Unreachable {
     TooLong { length: f64, overtravel: f64 },
 }
 
-/// How far off the ball a touch begins, mm.
+/// Start and end of a touch along the normal, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Stand {
     pub out: f64,
-    /// How far beyond the contact expected it goes.
+    /// Distance beyond the expected contact at which the touch ends.
     pub beyond: f64,
-    /// How far the ball may stand off its place, mm.
+    /// Maximum distance of the ball from its expected position, mm.
     pub loose: f64,
 }
 
-/// Knows the machine and everything on it.
+/// Checks which touches are accessible, from the machine and everything on it.
 #[derive(Debug, Clone)]
 pub struct Access {
     pub(super) about: Surroundings,
@@ -103,22 +103,22 @@ pub struct Access {
 }
 
 impl Access {
-    /// `artefact`: all balls and stems, as they are thought to stand; grown by its uncertainty.
+    /// Builds the check. `artefact`: all balls and stems at their assumed positions, enlarged by its uncertainty.
     ///
     /// # Errors
-    /// A machine without kinematics.
+    /// The machine has no kinematics.
     pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
         let about = Surroundings::new(plan, artefact)?;
         Ok(Self { about, machine: plan.machine.clone(), ball_radius: plan.probe.ball_radius_mm })
     }
 
-    /// Radius of the centres of the stylus ball in contact.
+    /// Distance between the centres of ball and stylus ball in contact, mm.
     pub(super) fn reach(&self, ball: &Ball) -> f64 {
         ball.radius_mm + self.ball_radius
     }
 
-    /// The touches of `ball` that are free with the rotary axes as in `rotary`: `touches` of them, the
-    /// five of the paper first; at least four, the pole among them, and well spread.
+    /// Free touches of `ball` with the rotary axes as in `rotary`: `touches` of them, the five of the paper first;
+    /// at least four, including the pole, and well distributed.
     pub(super) fn contacts(
         &self,
         ball: &Ball,
@@ -127,7 +127,7 @@ impl Access {
         touches: usize,
     ) -> Result<Vec<Contact>, Unreachable> {
         self.check_rotary(rotary)?;
-        // The proof's own rule: a touch reaches so deep that it meets the ball wherever it stands.
+        // Same rule as in the proof: a touch is long enough to meet the ball at every possible position.
         let (beyond, loose) = (stand.beyond, self.about.loose);
         if beyond < loose {
             return Err(Unreachable::TooShort { beyond, loose });
@@ -160,13 +160,13 @@ impl Access {
             Vec::new()
         };
         extend(&mut contacts, more, touches);
-        // Neighbours follow one another, the pole comes last.
+        // Neighbours are adjacent; the pole comes last.
         contacts.sort_by(|one, other| one.place().total_cmp(&other.place()));
         Ok(contacts)
     }
 
-    /// The touches of `ball` along `directions`: azimuth and elevation, degrees, seen from the spindle as far as S does
-    /// not turn it. Named by their directions.
+    /// Touches of `ball` along `directions`: azimuth and elevation, degrees, in the spindle frame without the
+    /// rotation of S. The directions give the names.
     pub(super) fn contacts_along(
         &self,
         ball: &Ball,
@@ -185,7 +185,7 @@ impl Access {
         directions.iter().map(contact).collect()
     }
 
-    /// The spindle's frame as far as S does not turn it.
+    /// Spindle frame without the rotation of S.
     fn spindle(&self, rotary: &Position) -> Result<Pose, Unreachable> {
         if !self.about.upright(rotary) {
             return Err(Unreachable::Tilted);
@@ -214,7 +214,8 @@ impl Access {
         Ok(())
     }
 
-    /// X, Y, Z and the rotary axes with the stylus ball `far` along the normal from the ball's centre.
+    /// Position of X, Y, Z and the rotary axes at which the stylus ball is at distance `far` from the ball's centre
+    /// along the normal.
     pub(super) fn position(
         &self,
         ball: &Ball,
@@ -244,7 +245,7 @@ impl Access {
         self.check_travel(&from)?;
         self.check_travel(&place(-stand.loose)?)?;
         let over = self.about.z_between(&from, &from, CLEAR);
-        // Nothing stands below: nothing has to be cleared.
+        // Nothing is below: no height is needed.
         if over > f64::NEG_INFINITY {
             self.check_travel(&from.clone().with(Axis::Z, over))?;
         }
@@ -264,14 +265,15 @@ fn named(name: &str, normal: Vector3<f64>) -> Contact {
     Contact { name: name.to_owned(), normal }
 }
 
-/// Degrees, seen from the spindle: azimuth from X towards Y, elevation from the equator to the pole.
+/// Unit vector from angles in degrees, spindle frame: azimuth from X towards Y, elevation from the equator to the
+/// pole.
 fn on_sphere(azimuth: f64, elevation: f64) -> Vector3<f64> {
     let ((sin, cos), (up, out)) =
         (azimuth.to_radians().sin_cos(), elevation.to_radians().sin_cos());
     Vector3::new(out * cos, out * sin, up)
 }
 
-/// Points spread evenly from the equator up to 75°: a spiral by the golden angle.
+/// Points spread evenly from the equator up to 75°: a spiral with the golden angle.
 fn spread() -> impl Iterator<Item = (String, f64, f64)> {
     let golden = 180.0 * (3.0 - 5.0_f64.sqrt());
     (0..SPREAD_POINTS).map(move |k| {
@@ -282,7 +284,7 @@ fn spread() -> impl Iterator<Item = (String, f64, f64)> {
     })
 }
 
-/// One after the other the one that stands farthest from all that are there.
+/// Adds contacts one after the other, each time the one farthest from all present contacts.
 fn extend(contacts: &mut Vec<Contact>, mut more: Vec<Contact>, touches: usize) {
     while contacts.len() < touches {
         let nearest = |one: &Contact| {
@@ -297,8 +299,8 @@ fn extend(contacts: &mut Vec<Contact>, mut more: Vec<Contact>, touches: usize) {
     }
 }
 
-/// Standard deviation of the fitted centre in its worst direction, in those of one touch; centre and
-/// radius are fitted.
+/// Standard deviation of the fitted centre in its worst direction, relative to that of one touch; centre and radius
+/// are fitted.
 fn worst_direction(contacts: &[Contact]) -> f64 {
     let rows = contacts.iter().map(|contact| contact.normal.push(1.0));
     let information: Matrix4<f64> = rows.map(|row| row * row.transpose()).sum();
@@ -306,6 +308,6 @@ fn worst_direction(contacts: &[Contact]) -> f64 {
         return f64::INFINITY;
     }
     let Some(cofactor) = information.try_inverse() else { return f64::INFINITY };
-    // Not less than the largest eigenvalue.
+    // Upper bound of the largest eigenvalue.
     (0..3).map(|i| cofactor.column(i).xyz().abs().sum()).fold(0.0, f64::max).sqrt()
 }

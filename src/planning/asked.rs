@@ -1,15 +1,15 @@
-//! What a person is asked before anything of a stage moves.
+//! Prompts of a stage, which come before any motion of the stage.
 
 use super::PlanningError;
 use machine::record::plan::{Plan, Step, StepKind};
 
-/// A step that asks a person, and what.
+/// A prompt step and its text.
 type Question<'p> = (&'p Step, &'p str);
 
-/// The steps of a stage, given by their ids: those that ask a person, then those that move.
+/// Splits the steps of a stage, given by their ids, into the prompts and the steps that move.
 ///
 /// # Errors
-/// A step that asks after one that moves, or that says nothing, or that goes somewhere.
+/// A prompt comes after a step that moves, has no text, or has a target position.
 pub fn asked_first<'p, 's>(
     plan: &'p Plan,
     steps: &'s [u32],

@@ -1,5 +1,5 @@
-//! A ball measurement as steps, reusable by every method: four touches round the ball and one at its
-//! pole, as seen along the spindle (paper 4, section 3), or more for a check of form.
+//! Steps of a ball measurement, reusable by every method: four touches round the ball and one at its pole, seen
+//! along the spindle (paper 4, section 3), or more for a check of form.
 
 use super::access::{Access, Contact, Stand, Unreachable};
 use machine::record::artefact::Ball;
@@ -7,33 +7,33 @@ use machine::record::machine::Probe;
 use machine::record::plan::{Step, StepKind};
 use machine::{Axis, Position};
 
-/// Beyond the expected place of a ball that is searched for, mm: contact comes in any case.
+/// Distance by which a search touch goes beyond the ball's position uncertainty, mm, so that contact always occurs.
 const BEYOND: f64 = 0.3;
 
-/// How a ball is touched.
+/// Approach to a ball.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Approach {
-    /// Fast, from so far that the ball is found within `uncertainty_mm` of its place.
+    /// Fast, from a distance at which the ball is found within `uncertainty_mm` of its expected position.
     Find { uncertainty_mm: f64, standoff_mm: f64 },
-    /// Slowly along the normals of the ball where it was found: from `standoff_mm` before contact to
-    /// `search_mm` beyond.
+    /// Slow, along the normals of the ball at its found position: from `standoff_mm` before contact to `search_mm`
+    /// beyond.
     Slow { standoff_mm: f64, search_mm: f64 },
 }
 
 /// One measurement of one ball.
 #[derive(Debug, Clone, Copy)]
 pub struct BallTask<'a> {
-    /// Its centre where it is expected, table frame.
+    /// The ball with its expected centre, table frame.
     pub ball: &'a Ball,
-    /// Positions of all rotary axes, and of S if it is to be oriented.
+    /// Positions of all rotary axes, and of S if the spindle must be oriented.
     pub rotary: &'a Position,
     pub approach: Approach,
-    /// 5, or more for a check of form; fewer if some are not free, but never fewer than 4.
+    /// Number of touches: 5, or more for a check of form; fewer if some are not free, but at least 4.
     pub touches: usize,
 }
 
 impl Approach {
-    /// From where before contact to where beyond, mm.
+    /// Distances before and beyond the expected contact, mm.
     fn ends(self) -> (f64, f64) {
         match self {
             Self::Find { uncertainty_mm, standoff_mm } => {
@@ -61,19 +61,19 @@ impl Approach {
 }
 
 impl Access {
-    /// Can this ball be measured so? Returns the touches that would be made.
+    /// Checks whether this ball can be measured. Returns the touches that would be made.
     ///
     /// # Errors
-    /// Why not: what is in the way of which touch, an axis that does not reach, a tilted spindle.
+    /// The reason: an obstacle to a touch, an axis out of travel, a tilted spindle.
     pub fn accessible(&self, task: &BallTask<'_>) -> Result<Vec<Contact>, Unreachable> {
         self.contacts(task.ball, task.rotary, task.approach.stand(), task.touches)
     }
 
-    /// The steps of one measurement, numbered from `first`, in the words of the machine frame.
-    /// `label` makes a step's label of the touch's name.
+    /// Steps of one measurement, numbered from `first`, machine frame. `label` makes the label of a step from the
+    /// name of the touch.
     ///
     /// # Errors
-    /// As [`Access::accessible`]; a touch longer than the probe's overtravel.
+    /// As [`Access::accessible`]; a touch is longer than the probe's overtravel.
     pub fn steps(
         &self,
         task: &BallTask<'_>,
@@ -86,11 +86,11 @@ impl Access {
         self.steps_of(task, contacts, probe, kind, (first, stage), label)
     }
 
-    /// As [`Access::steps`], but along `directions`: azimuth and elevation, degrees, seen from the spindle as far as S
-    /// does not turn it. Numbers and stage are 0.
+    /// Like [`Access::steps`], but along `directions`: azimuth and elevation, degrees, in the spindle frame without
+    /// the rotation of S. Numbers and stage are 0.
     ///
     /// # Errors
-    /// The first direction that is not free; a touch longer than the probe's overtravel.
+    /// The first direction that is not free; a touch is longer than the probe's overtravel.
     pub fn steps_along(
         &self,
         task: &BallTask<'_>,
@@ -144,10 +144,10 @@ impl Access {
             .collect()
     }
 
-    /// Axis positions with the stylus-ball centre on the ball's centre: what a measurement gives.
+    /// Axis positions with the stylus-ball centre on the ball's centre: the result of a measurement.
     ///
     /// # Errors
-    /// A machine whose linear axes do not span space.
+    /// The linear axes of the machine do not span space.
     pub fn centre(&self, ball: &Ball, rotary: &Position) -> Result<Position, Unreachable> {
         let centre = self.position(ball, rotary, nalgebra::Vector3::z(), 0.0)?;
         Ok(centre.only(Axis::is_linear))

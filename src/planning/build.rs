@@ -1,4 +1,4 @@
-//! The templates are embedded: a file added to them must rebuild the crate.
+//! The templates are embedded: a new template file must rebuild the crate.
 
 fn main() {
     println!("cargo::rerun-if-changed=../../gcode-templates");

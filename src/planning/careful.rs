@@ -1,9 +1,9 @@
-//! The way to a step while touches have not yet confirmed where the machine stands: straight up to the
-//! upper end of Z, there one thing after the other, then down. Nothing of it is a rapid.
+//! Approach to a step while touches have not confirmed the position of the machine yet: straight up to the upper
+//! end of Z, there one axis group after the other, then down. No move is a rapid.
 //!
-//! Only contact with the stylus is detected. Where it goes down beside something, what sits above it may land on that: so
-//! on the first way down the stylus goes round once in every length of its own, as wide as the widest
-//! body above it, and meets first whatever stands there.
+//! Only contact with the stylus is detected. Beside an obstacle, the bodies above the stylus could land on the
+//! obstacle. Therefore, on the first descent, the stylus makes one round in every interval of its own length, as
+//! wide as the widest body above it, so that the stylus meets any obstacle first.
 
 use std::f64::consts::TAU;
 
@@ -17,11 +17,11 @@ use machine::record::plan::{Plan, Step};
 use machine::record::sensor::Mount;
 use machine::{Axis, Position};
 
-/// A shorter probing move is made as a feed move, at the feed of a search, mm: LinuxCNC refuses those
-/// below 0.254 mm ("start point too close to probe point"), and no stylus is broken on so short a way.
+/// Minimum length of a probing move, mm. A shorter move is a feed move at the search feed: LinuxCNC refuses probing
+/// moves below 0.254 mm ("start point too close to probe point"), and so short a move does not break a stylus.
 pub(super) const SHORT_MM: f64 = 0.3;
 
-/// Corners of a round, and the share of the stylus' length from one round to the next.
+/// Number of corners of a round, and distance between two rounds as a share of the stylus length.
 const CORNERS: u32 = 8;
 const SHARE: f64 = 0.9;
 
@@ -29,15 +29,15 @@ const SHARE: f64 = 0.9;
 pub(super) struct Careful<'a> {
     plan: &'a Plan,
     about: &'a Surroundings,
-    /// The upper end of Z.
+    /// The upper end of Z, mm.
     top_z: f64,
-    /// Z from which on nothing declared is near, below the step in hand.
+    /// Height of Z above which nothing declared is near, below the current step.
     low_z: f64,
-    /// Near the part.
+    /// Feed near the part, mm/min.
     near_feed: f64,
-    /// With a probe contact stops the moves; with a sensor nothing does.
+    /// Whether contact stops the moves: true with a probe, false with a sensor.
     guarded: bool,
-    /// No touch was made yet.
+    /// Whether no touch was made yet.
     first: bool,
 }
 
@@ -48,19 +48,19 @@ impl<'a> Careful<'a> {
         Self { plan, about, top_z, low_z, near_feed, guarded, first: !confirmed.is_begun() }
     }
 
-    /// To a nest of sensors on the table: always by the upper end of Z.
+    /// Approach to a nest of sensors on the table: always by way of the upper end of Z.
     pub fn to_nest(plan: &'a Plan, clearance: &'a Clearance, low_z: f64) -> Self {
         let near_feed = nest_feed(plan);
         Self { near_feed, ..Self::new(plan, clearance, low_z, Confirmed::default()) }
     }
 
-    /// To over `from`, at `low_z`.
+    /// Moves to the point above `from`, at `low_z`.
     pub fn over(&self, path: &mut Path, from: &Position) {
         self.up(path, from);
         self.across_and_down(path, from);
     }
 
-    /// To `low_z`, and to the upper end if anything but Z has to move or no touch was made yet.
+    /// Moves up to `low_z`, and to the upper end of Z if any axis but Z must move or if no touch was made yet.
     pub fn up(&self, path: &mut Path, from: &Position) {
         let mut elsewhere = from.iter().filter(|(axis, _)| *axis != Axis::Z);
         let goes_aside = elsewhere.any(|(axis, value)| !path.stands_at(axis, value));
@@ -72,7 +72,7 @@ impl<'a> Careful<'a> {
         }
     }
 
-    /// What remains after [`Self::up`].
+    /// Makes the moves that remain after [`Self::up`].
     pub fn across_and_down(&self, path: &mut Path, from: &Position) {
         for (axis, value) in from.iter().filter(|(axis, _)| !axis.is_linear()) {
             self.turn(path, axis, value);
@@ -85,7 +85,7 @@ impl<'a> Careful<'a> {
         self.straight(path, &height(self.low_z), self.fast());
     }
 
-    /// Down to the last height that is felt: lower goes the stylus alone.
+    /// Makes rounds during the descent, down to the last necessary height; only the stylus moves below that height.
     fn feel_around(&self, path: &mut Path, from: &Position) {
         let Some((_, length)) = overhang(self.plan) else { return };
         let levels = (self.top_z - from.at(Axis::Z)) / (SHARE * length);
@@ -94,7 +94,7 @@ impl<'a> Careful<'a> {
             let over = from.clone().with(Axis::Z, z);
             let round = self.round(&over);
             let free = |place: &Position| self.about.z_between(&over, place, MARGIN) <= z;
-            // Where something declared stands so high, its place is not unknown.
+            // Where a declared body is this high, its position is known, so no round is needed.
             if round.iter().all(free) {
                 self.straight(path, &height(z), self.fast());
                 let middle = over.only(|axis| matches!(axis, Axis::X | Axis::Y));
@@ -106,7 +106,7 @@ impl<'a> Careful<'a> {
         }
     }
 
-    /// Round a place, as far as X and Y reach.
+    /// Corners of a round about `over`, limited to the travel of X and Y.
     fn round(&self, over: &Position) -> Vec<Position> {
         let wide = round_mm(self.plan);
         let corner = |k: u32| {
@@ -121,8 +121,8 @@ impl<'a> Careful<'a> {
         (0..CORNERS).map(corner).collect()
     }
 
-    /// Where nothing declared is near. With a sensor a hold, once it reports a distance, must stop the
-    /// machine within the sensor's range.
+    /// Feed where nothing declared is near. With a sensor, a hold that follows the first reported distance must
+    /// stop the machine within the sensor's range.
     fn fast(&self) -> f64 {
         let feed = self.plan.probe.guarded_feed_mm_min;
         let ranges = self.plan.sensors.iter().map(|sensor| sensor.range_mm[1] - sensor.range_mm[0]);
@@ -150,21 +150,20 @@ impl<'a> Careful<'a> {
     }
 }
 
-/// Of the corners of a round, from its middle, mm.
+/// Distance of the corners of a round from its middle, mm.
 pub(super) fn round_mm(plan: &Plan) -> f64 {
     let (wide, _) = overhang(plan).unwrap_or_default();
     wide / (TAU / f64::from(2 * CORNERS)).cos()
 }
 
-/// The feed, mm/min, from which a hold stops within `within_mm`, whichever linear axis brakes.
+/// Feed, mm/min, from which a hold stops within `within_mm`, for every linear axis.
 fn stopping_feed(plan: &Plan, within_mm: f64) -> f64 {
     let axes = plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     let slowest = axes.map(|(_, spec)| spec.acceleration_per_s2).fold(f64::INFINITY, f64::min);
     60.0 * turning::stopping_speed(slowest, within_mm)
 }
 
-/// Whether all sensors of `step` are on the table: they measure the ball in the spindle, which is
-/// between them.
+/// Whether all sensors of `step` are on the table: they measure the ball in the spindle, which is between them.
 pub(super) fn is_in_nest(plan: &Plan, step: &Step) -> bool {
     let is_on_table = |name: &String| {
         let named = plan.sensors.iter().find(|sensor| sensor.name == *name);
@@ -173,9 +172,9 @@ pub(super) fn is_in_nest(plan: &Plan, step: &Step) -> bool {
     !step.sensors.is_empty() && step.sensors.iter().all(is_on_table)
 }
 
-/// Greatest feed of linear axes while the ball is in a nest of sensors on the table or goes there, mm/min:
-/// a hold at the near end of a range stops the ball before it meets the body of the sensor. Where
-/// `stand_off_mm` leaves less than a quarter of the range there, it stops within that quarter.
+/// Maximum feed of linear axes while the ball is in a nest of sensors on the table or moves there, mm/min: a hold
+/// at the near end of a range stops the ball before it meets the body of the sensor. Where `stand_off_mm` leaves
+/// less than a quarter of the range, the ball stops within that quarter.
 pub(super) fn nest_feed(plan: &Plan) -> f64 {
     let on_table = plan.sensors.iter().filter(|sensor| sensor.mount == Mount::Table);
     let within = on_table.map(|sensor| {
@@ -186,12 +185,12 @@ pub(super) fn nest_feed(plan: &Plan) -> f64 {
     within.map(|mm| stopping_feed(plan, mm)).fold(search_feed(plan), f64::min)
 }
 
-/// Near the part, until a touch has shown that the probe lives.
+/// Feed near the part until a touch has shown that the probe works.
 pub(super) fn search_feed(plan: &Plan) -> f64 {
     plan.probe.guarded_feed_mm_min.min(plan.probe.search_feed_mm_min)
 }
 
-/// Of moves near the part.
+/// Feed of moves near the part.
 pub(super) fn near_feed(plan: &Plan, confirmed: Confirmed) -> f64 {
     match confirmed.is_begun() {
         true => plan.probe.guarded_feed_mm_min,

@@ -1,4 +1,4 @@
-//! How high Z must stand so that everything else may move.
+//! Height of Z at which all other axes may move.
 
 use super::PlanningError;
 use super::surroundings::Surroundings;
@@ -8,40 +8,40 @@ use machine::record::machine::Machine;
 use machine::record::plan::{Plan, StepKind};
 use machine::{Axis, Position};
 
-/// Free distance between the tool and what it passes over unguarded, mm.
+/// Clearance between the tool and bodies that it passes over unguarded, mm.
 pub(super) const MARGIN: f64 = 10.0;
-/// Free distance that guarded moves over a ball keep, and that a block ends with, mm. More than what
-/// the proof asks of rapids, so that the next block may set out fast.
+/// Clearance of guarded moves over a ball, and at the end of a block, mm. It is larger than the clearance that the
+/// proof requires of rapids, so that the next block may start with a rapid.
 pub(super) const LIFT: f64 = 3.0;
-/// Rotary axes are looked at this often on their way, rad.
+/// Maximum interval at which the motion of rotary axes is checked, rad.
 const ROTARY_STRIDE: f64 = 5.0 * std::f64::consts::PI / 180.0;
 
-/// Knows how high is safe. Z commands, mm.
+/// Safe heights. Z commands, mm.
 #[derive(Debug, Clone)]
 pub struct Clearance {
-    /// The upper end of Z, where the first block goes if nobody knows where the machine stands.
+    /// The upper end of Z, where the first block goes if the position of the machine is unknown.
     pub(super) top_z: f64,
     min_z: f64,
     pub(super) about: Surroundings,
-    /// A round part: at or above it the stylus ball, and with it all that is higher, passes over the
-    /// part and over every solid and kept-out box that Z can pass over, at every rotary position of
-    /// the plan and on the way between them. `None` for balls: each way has a height of its own.
+    /// For a round part: height at or above which the stylus ball, and everything above it, passes over the part
+    /// and over every solid and kept-out box that Z can pass over, at every rotary position of the plan and during
+    /// the motions between them. `None` for balls: each path has its own height.
     pub(super) over_all: Option<f64>,
 }
 
 impl Clearance {
-    /// Above the artefact of `plan` as its steps turn it, with a margin of 10 mm and the declared
-    /// uncertainty of its place. A solid so high that Z ends below it does not count: whether the way
-    /// leads past it is for the proof to say.
+    /// Height above the artefact of `plan` at all rotary positions of its steps, with a margin of 10 mm and the
+    /// declared uncertainty of its position. A solid that is too high for Z is ignored: the proof decides whether
+    /// the path leads past it.
     ///
     /// # Errors
-    /// Z ends below that height, or goes down on a positive command; a machine without kinematics.
+    /// Z ends below that height, or moves down on a positive command; the machine has no kinematics.
     pub fn above(plan: &Plan) -> Result<Self, PlanningError> {
         Self::over(plan, &plan.artefact)
     }
 
-    /// With what is known when a stage is planned: balls where they were found by then, a round part
-    /// where the plan says.
+    /// Height with the knowledge at the time when a stage is planned: balls at the positions found so far, a round
+    /// part at its position in the plan.
     ///
     /// # Errors
     /// As [`Clearance::above`].
@@ -52,7 +52,7 @@ impl Clearance {
         }
     }
 
-    /// As [`Clearance::above`], with the artefact where it was found.
+    /// Like [`Clearance::above`], with the artefact at its found position.
     pub fn over(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
         let about = Surroundings::new(plan, artefact)?;
         if !about.z_lifts() {
@@ -66,7 +66,7 @@ impl Clearance {
         Ok(clearance)
     }
 
-    /// While the rotary axes go straight from one position to the other.
+    /// Height while the rotary axes move straight from one position to the other.
     pub(super) fn while_turning(
         &self,
         one: &Position,
@@ -90,9 +90,9 @@ fn rotary(position: &Position) -> Position {
     position.only(|axis| !axis.is_linear())
 }
 
-/// Rotary positions of the steps and, between them, on the straight way from one to the next.
+/// Rotary positions of the steps and, between them, on the straight path from one to the next.
 fn rotary_poses(plan: &Plan) -> Vec<Position> {
-    // A prompt stands nowhere.
+    // A prompt has no position.
     let mut moving = plan.steps.iter().filter(|step| step.kind != StepKind::Prompt).peekable();
     let mut poses: Vec<Position> =
         moving.peek().map(|step| rotary(&step.from)).into_iter().collect();

@@ -1,9 +1,9 @@
-//! What cannot be planned, and what to change. Nothing has moved.
+//! Errors of planning, and what the operator should change. Nothing has moved.
 
 use machine::Axis;
 use machine::kinematics::KinematicsError;
 
-/// Lengths in mm; `value`, `min` and `max` in mm or degrees.
+/// Error of planning. Lengths in mm; `value`, `min` and `max` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanningError {
     #[error(transparent)]
@@ -48,7 +48,7 @@ pub enum PlanningError {
 }
 
 impl PlanningError {
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(&self) -> String {
         let text = match self {
             Self::Kinematics(_) => "correct [machine] and [axes] in the machine file",

@@ -1,5 +1,5 @@
-//! Whether two convex bodies are apart: parry's GJK proposes directions, and the planes across them
-//! decide. So a search that did not converge costs a false refusal, never a collision.
+//! Separation of two convex bodies. parry's GJK proposes directions, and the supporting planes across them decide.
+//! If the search does not converge, the result is a false refusal, never a collision.
 
 use machine::frame::unit_vector;
 use nalgebra::Vector3;
@@ -9,7 +9,7 @@ use parry3d_f64::shape::SupportMap;
 
 /// A convex body.
 pub(super) trait Support {
-    /// Its farthest point along `direction`, which need not be of length 1.
+    /// Farthest point of the body along `direction`, which need not have length 1.
     fn support(&self, direction: Vector3<f64>) -> Vector3<f64>;
 }
 
@@ -21,14 +21,14 @@ impl<T: Support> SupportMap for InParry<'_, T> {
     }
 }
 
-/// A lower bound of the distance between `one` and `other`, mm: the gap between the two supporting
-/// planes across `direction`, a unit vector from the one to the other.
+/// Lower bound of the distance between `one` and `other`, mm: the gap between the two supporting planes across
+/// `direction`, a unit vector from `one` to `other`.
 pub(super) fn gap_across(one: &impl Support, other: &impl Support, direction: Vector3<f64>) -> f64 {
     direction.dot(&(other.support(-direction) - one.support(direction)))
 }
 
-/// Unit vectors from the one to the other across which the gap may be the widest; none where the
-/// two meet. The search begins across `start` and ends once they are known to be `enough` apart, mm.
+/// Unit vectors from `one` to `other` across which the gap may be the widest; none if the bodies intersect. The
+/// search begins across `start` and ends when the distance is known to be at least `enough`, mm.
 pub(super) fn directions(
     one: &impl Support,
     other: &impl Support,
@@ -40,10 +40,10 @@ pub(super) fn directions(
     simplex.reset(CsoPoint::from_shapes(&Pose::IDENTITY, &one, &other, start.into()));
     let found = match closest_points(&Pose::IDENTITY, &one, &other, enough, true, &mut simplex) {
         GJKResult::Intersection => vec![],
-        // Away from an edge the line between the two points is the better direction.
+        // Away from an edge, the line between the two points is the better direction.
         GJKResult::ClosestPoints(p, q, direction) => vec![direction, q - p],
         GJKResult::Proximity(direction) | GJKResult::NoIntersection(direction) => vec![direction],
     };
-    // Only across a vector of length 1 is the gap a bound.
+    // The gap is a bound only across a vector of length 1.
     found.into_iter().filter_map(|direction| unit_vector(direction.into())).collect()
 }

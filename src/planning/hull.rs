@@ -1,4 +1,4 @@
-//! Convex bodies about the tool, machine directions, and whether they stand far enough apart.
+//! Convex bodies about the tool, in machine directions, and a check of their distance.
 
 use machine::artefact::Shape;
 use machine::frame::unit_vector;
@@ -7,14 +7,14 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::gjk::{Support, directions, gap_across};
 
-/// Higher than any machine, mm.
+/// Height of the tool cylinder, mm: more than any machine's.
 const ENDLESS: f64 = 2000.0;
 
-/// A part of the tool on a straight way: an upright cylinder without an upper end. Whatever it is
-/// clear of, it was clear of on its way straight down; and higher up it is clear of more.
+/// Space that a part of the tool occupies on a straight path: an upright cylinder without an upper end. If a body
+/// is clear of it, it is also clear of the straight descent to the path, and of any higher path.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Upright {
-    /// Middles of its lower end, first and last.
+    /// Centres of the lower end, at the start and the end of the path.
     pub way: [Vector3<f64>; 2],
     pub radius: f64,
 }
@@ -23,7 +23,7 @@ pub(super) struct Upright {
 #[derive(Debug, Clone)]
 pub(super) enum Body {
     Round(Shape),
-    /// Corners.
+    /// Corners of a box.
     Box(Vec<Vector3<f64>>),
 }
 
@@ -36,7 +36,7 @@ impl Body {
         }
     }
 
-    /// Between two opposite corners.
+    /// A box between two opposite corners.
     pub fn cuboid(one: [f64; 3], other: [f64; 3]) -> Self {
         let [x, y, z] = [0, 1, 2].map(|axis| [one[axis], other[axis]]);
         let plane = |x| y.into_iter().flat_map(move |y| z.map(|z| Vector3::new(x, y, z)));
@@ -63,7 +63,7 @@ impl Body {
         }
     }
 
-    /// Points and a radius about each, in whose hull it lies.
+    /// Points and a radius: the body lies in the convex hull of the balls about the points.
     pub fn points(&self) -> (Vec<Vector3<f64>>, f64) {
         match self {
             Self::Round(Shape::Ball { centre, radius }) => (vec![*centre], *radius),
@@ -73,7 +73,7 @@ impl Body {
     }
 }
 
-/// Farthest of the points along a direction.
+/// Farthest of the points along `direction`.
 fn farthest(points: &[Vector3<f64>], direction: Vector3<f64>) -> Vector3<f64> {
     let further = |best: Vector3<f64>, next: &Vector3<f64>| {
         if next.dot(&direction) > best.dot(&direction) { *next } else { best }
@@ -105,7 +105,7 @@ impl Support for Upright {
     }
 }
 
-/// Are the two at least so far apart? What cannot be shown counts as no.
+/// Whether the two are at least `distance` apart; false if this cannot be shown.
 pub(super) fn apart_by(tool: &Upright, body: &Body, distance: f64) -> bool {
     directions(tool, body, -Vector3::z(), f64::MAX)
         .into_iter()

@@ -1,6 +1,5 @@
-//! From steps to motions. The touch cycle, ball measurement, clearances, order, first checks
-//! of travel, machine time. Knows no method. Whether something is in the way is not asked here but of
-//! the rendered text, by `proof`.
+//! Converts steps to motions: touch cycle, ball measurement, clearances, order, first checks of travel, machine
+//! time. Contains no method. Collisions are not checked here but in the rendered text, by `proof`.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -44,8 +43,7 @@ use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Stage, Step};
 use machine::{Axis, Position};
 
-/// All steps of `plan` in their order, once each, from a machine that stands nobody knows where;
-/// and the machine time in s.
+/// Blocks of all steps of `plan` in order, once each, from an unknown machine position; and the machine time, s.
 pub fn blocks(plan: &Plan, clearance: &Clearance) -> Result<(Vec<Block>, f64), PlanningError> {
     let mut program = Blocks::default();
     for step in &plan.steps {
@@ -54,8 +52,8 @@ pub fn blocks(plan: &Plan, clearance: &Clearance) -> Result<(Vec<Block>, f64), P
     Ok((program.blocks, program.seconds))
 }
 
-/// As [`blocks`], stage by stage as a run plans them: each with the artefact where it was found by
-/// then. What asks a person has no block.
+/// Like [`blocks`], stage by stage as a run plans them: each with the artefact at its position found so far.
+/// Prompts have no block.
 pub fn staged_blocks(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64), PlanningError> {
     let (mut program, mut found) = (Blocks::default(), None);
     for stage in stages {
@@ -63,7 +61,7 @@ pub fn staged_blocks(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64),
         let clearance = Clearance::known(plan, found)?;
         let (asked, moves) = asked_first(plan, &stage.steps)?;
         if !asked.is_empty() {
-            // Whoever was at the machine may have moved it.
+            // The operator may have moved the machine.
             program.stands = None;
             program.confirmed = Confirmed::default();
         }
@@ -75,7 +73,7 @@ pub fn staged_blocks(plan: &Plan, stages: &[Stage]) -> Result<(Vec<Block>, f64),
     Ok((program.blocks, program.seconds))
 }
 
-/// Blocks one after the other, from a machine that stands nobody knows where.
+/// Sequence of blocks, from an unknown machine position.
 #[derive(Default)]
 struct Blocks {
     blocks: Vec<Block>,
@@ -105,7 +103,7 @@ impl Blocks {
     }
 }
 
-/// Where the axes are after `motions`: the last target of each.
+/// Positions of the axes after `motions`: the last target of each axis.
 pub fn end_of<'a>(motions: impl IntoIterator<Item = &'a Motion>, begins: &Position) -> Position {
     motions.into_iter().fold(begins.clone(), |stands, motion| match target(motion) {
         Some(to) => stands.updated_by(&to),
@@ -113,7 +111,7 @@ pub fn end_of<'a>(motions: impl IntoIterator<Item = &'a Motion>, begins: &Positi
     })
 }
 
-/// Where a motion goes; `None` for one that stands.
+/// Target of a motion; `None` for a motion without one.
 fn target(motion: &Motion) -> Option<Position> {
     match motion {
         Motion::Rapid { to }

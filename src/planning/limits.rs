@@ -1,14 +1,14 @@
-//! First check of travel: every position named in a block lies within the limits of its axis.
+//! First check of travel: every position in a block is within the limits of its axis.
 
 use super::{PlanningError, target};
 use machine::Position;
 use machine::record::machine::{AxisSpec, Machine};
 use machine::record::motion::Block;
 
-/// Rounding of a limit in degrees must not refuse a move to that very limit.
+/// Tolerance for limits in degrees, so that rounding does not refuse a move exactly to the limit.
 const SLACK: f64 = 1e-9;
 
-/// Whether the machine has all axes of a position and reaches it.
+/// Whether the machine has all axes of a position, and the position is within their limits.
 pub(super) fn within(position: &Position, machine: &Machine) -> bool {
     position.iter().all(|(axis, value)| {
         let spec = machine.axes.get(&axis);
@@ -21,7 +21,7 @@ fn inside(value: f64, spec: &AxisSpec) -> bool {
 }
 
 /// # Errors
-/// An axis that the machine lacks; a position outside its limits or not finite.
+/// The machine lacks an axis; a position is outside its limits or not finite.
 pub(super) fn check(block: &Block, machine: &Machine) -> Result<(), PlanningError> {
     let step = block.step;
     for to in block.motions.iter().filter_map(target) {

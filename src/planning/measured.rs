@@ -1,4 +1,4 @@
-//! What the touches of one ball say: where its centre is, how large and how round it seems.
+//! Evaluation of the touches of one ball: its centre, diameter and form.
 
 use std::collections::BTreeMap;
 
@@ -9,30 +9,30 @@ use machine::kinematics::{Chain, KinematicsError};
 use machine::record::machine::{Machine, Probe};
 use machine::{Axis, Position, frame::Point};
 
-/// One ball at one rotary position, measured.
+/// Measurement of one ball at one rotary position.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MeasuredBall {
-    /// X, Y, Z with the centre of the stylus ball in the ball's centre, and the rotary axes.
+    /// X, Y, Z at which the stylus-ball centre coincides with the ball's centre, and the rotary axes.
     pub position: Position,
-    /// Its centre in the table frame of the nominal machine, mm.
+    /// Centre of the ball in the table frame of the nominal machine, mm.
     pub centre_mm: Vector3<f64>,
-    /// Of X, Y, Z, mm², for a standard uncertainty of one touch of 1 mm: times u².
+    /// Covariance of X, Y, Z, mm², for a standard uncertainty of one touch of 1 mm: multiply by u².
     pub cofactor: Matrix3<f64>,
-    /// Of the ball alone: the stylus ball, as stated, is taken off. Pre-travel makes it smaller.
+    /// Diameter of the ball: the stated stylus ball is subtracted. Pre-travel makes the value smaller.
     pub diameter_mm: f64,
-    /// Largest less smallest residual of the fitted sphere, mm.
+    /// Largest minus smallest residual of the fitted sphere, mm.
     pub form_mm: f64,
 }
 
-/// What a measurement may show and still be believed, mm.
+/// Limits for an acceptable measurement, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BallLimits {
     pub form_mm: f64,
-    /// Either way from the stated diameter.
+    /// Maximum deviation from the stated diameter, in either direction.
     pub diameter_mm: f64,
 }
 
-/// Touches that are no ball's, and what to look for.
+/// Error: the touches do not fit the ball; the message contains possible causes.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum BallDoubt {
     #[error(
@@ -49,11 +49,11 @@ pub enum BallDoubt {
     Kinematics(#[from] KinematicsError),
 }
 
-/// The least-squares sphere through touches at one rotary position: axis positions at the triggers,
-/// the rotary axes alike. `ball`: its number, for words.
+/// Fits the least-squares sphere through touches at one rotary position: axis positions at the triggers, with equal
+/// rotary axes. `ball`: its id, for messages.
 ///
 /// # Errors
-/// Fewer than four touches, touches in a plane; a machine without kinematics.
+/// There are fewer than four touches, or they lie in a plane; the machine has no kinematics.
 pub fn measured_ball(
     ball: &str,
     touches: &[Position],
@@ -84,10 +84,10 @@ pub fn measured_ball(
 }
 
 impl MeasuredBall {
-    /// Is it round, and as large as stated? `stated_mm`: the diameter to expect, pre-travel taken off.
+    /// Checks form and diameter. `stated_mm`: the expected diameter, reduced by the pre-travel.
     ///
     /// # Errors
-    /// Which limit it breaks.
+    /// The limit that is exceeded.
     pub fn check(&self, ball: &str, stated_mm: f64, limits: &BallLimits) -> Result<(), BallDoubt> {
         let (form, limit) = (self.form_mm, limits.form_mm);
         let said = || (ball.to_owned(), in_words(&self.position));

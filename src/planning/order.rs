@@ -1,24 +1,24 @@
-//! In which order the balls of one indexation, for a short machine time.
+//! Order of the balls of one indexation, for a short machine time.
 //!
-//! A tour that begins where the machine stands or anywhere, and does not return. From each first place nearest
-//! neighbour, then 2-opt and Or-opt as long as they help. Everything is decided by comparison in a fixed order: the
-//! same input gives the same order.
+//! The order is an open tour: it begins at the position of the machine or at any ball, and does not return. From
+//! each first ball, a nearest-neighbour tour is improved by 2-opt and Or-opt until neither helps. All decisions are
+//! comparisons in a fixed order: the same input gives the same order.
 
 use super::time::motion_s;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
-/// How long the ways between places take, s.
+/// Times of the moves between places, s.
 #[derive(Debug, Clone)]
 pub struct Ways {
-    /// From each place to each.
+    /// Time from each place to each.
     pub between: Vec<Vec<f64>>,
-    /// To each place from where the machine stands; `None`: begin wherever is best.
+    /// Time to each place from the position of the machine; `None`: the tour may begin at any place.
     pub from_stand: Option<Vec<f64>>,
 }
 
 impl Ways {
-    /// Between axis positions, X and Y alone.
+    /// Times between axis positions, for X and Y alone.
     pub fn in_xy(places: &[Position], stands: Option<&Position>, machine: &Machine) -> Self {
         let way = |from: &Position, to: &Position| {
             let over = |axis| matches!(axis, Axis::X | Axis::Y);
@@ -28,8 +28,8 @@ impl Ways {
         Self { between: places.iter().map(from).collect(), from_stand: stands.map(from) }
     }
 
-    /// Numbers of the places in the order in which to go through them. From where the machine stands so many first
-    /// places are tried, the nearest first.
+    /// Indices of the places in visiting order. With a start position, `firsts` first places are tried, the nearest
+    /// first.
     pub fn tour(&self, firsts: usize) -> Vec<usize> {
         let between = &self.between;
         let Some(from_stand) = &self.from_stand else {
@@ -37,7 +37,7 @@ impl Ways {
             let tours = all.map(|first| improved(nearest(between, vec![first]), 0, between));
             return shortest(tours, between);
         };
-        // The first node is where the machine stands.
+        // Node 0 is the position of the machine.
         let mut nodes = vec![[&[0.0], &from_stand[..]].concat()];
         nodes.extend(between.iter().map(|row| [&[0.0], &row[..]].concat()));
         let mut order: Vec<usize> = (1..nodes.len()).collect();
@@ -61,7 +61,7 @@ fn length(tour: &[usize], between: &[Vec<f64>]) -> f64 {
     tour.iter().zip(tour.iter().skip(1)).map(|(from, to)| cost(between, *from, *to)).sum()
 }
 
-/// The tour goes on to the nearest node that is left.
+/// Extends the tour to the nearest remaining node, until none remains.
 fn nearest(between: &[Vec<f64>], mut tour: Vec<usize>) -> Vec<usize> {
     let mut left: Vec<usize> = (0..between.len()).filter(|node| !tour.contains(node)).collect();
     let mut here = tour.last().copied().unwrap_or_default();
@@ -76,10 +76,10 @@ fn nearest(between: &[Vec<f64>], mut tour: Vec<usize>) -> Vec<usize> {
     tour
 }
 
-/// 2-opt and Or-opt until neither helps; the first `fixed` nodes keep their place.
+/// Applies 2-opt and Or-opt until neither helps; the first `fixed` nodes keep their place.
 fn improved(mut tour: Vec<usize>, fixed: usize, between: &[Vec<f64>]) -> Vec<usize> {
     let mut best = length(&tour, between);
-    // A step that gains less than this is rounding.
+    // Minimum gain of a step, s; a smaller gain is rounding.
     const GAIN_S: f64 = 1e-9;
     loop {
         let candidates = neighbours(&tour, fixed);
@@ -91,7 +91,7 @@ fn improved(mut tour: Vec<usize>, fixed: usize, between: &[Vec<f64>]) -> Vec<usi
     }
 }
 
-/// All tours with one piece turned round, or one of up to three nodes put elsewhere.
+/// All tours with one section reversed, or with a section of up to three nodes moved.
 fn neighbours(tour: &[usize], fixed: usize) -> impl Iterator<Item = Vec<usize>> + '_ {
     let count = tour.len();
     let pieces = move |longest: usize| {

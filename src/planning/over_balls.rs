@@ -1,11 +1,11 @@
-//! The way to the next touch of a ball, no higher than it must be.
+//! Path to the next touch of a ball, no higher than necessary.
 //!
-//! - From touch to touch of one ball: guarded, round it ([`super::round`]), or if something is in the
-//!   way just above whatever is near.
-//! - To another ball at the same rotary position: fast, 10 mm above whatever is on the way.
-//! - To another rotary position: fast, 10 mm above whatever turns below on *this* way.
-//! - From where nobody knows: over the upper end of Z, one thing after the other; until touches have
-//!   confirmed where the machine stands always so, and carefully ([`super::careful`]).
+//! - From touch to touch of one ball: guarded, round the ball ([`super::round`]), or if an obstacle blocks that
+//!   path, just above everything near.
+//! - To another ball at the same rotary position: rapid, 10 mm above everything below the path.
+//! - To another rotary position: rapid, 10 mm above everything that turns below *this* path.
+//! - From an unknown position: by way of the upper end of Z, one axis group after the other. Until touches have
+//!   confirmed the position of the machine, every path has this form, and is careful ([`super::careful`]).
 
 use super::careful::Careful;
 use super::clearance::{LIFT, MARGIN};
@@ -15,12 +15,13 @@ use machine::record::machine::Machine;
 use machine::record::plan::{Plan, Step};
 use machine::{Axis, Position};
 
-/// Rounding of a position, mm.
+/// Rounding tolerance of a position, mm.
 const SLACK: f64 = 1e-6;
-/// Two touches whose starts are no further apart, seen from above, are of one ball or as good, mm.
+/// Maximum distance, seen from above, between the starts of two touches that count as touches of one ball, mm.
 const ONE_BALL: f64 = 60.0;
 
-/// To the start of the touch, or over it. Returns where to end: aside, or else over it.
+/// Plans the path to the start of the touch, or above it. Returns the position at which the block ends: beside the
+/// ball, or otherwise above it.
 pub(super) fn approach(
     path: &mut Path,
     (plan, step): (&Plan, &Step),
@@ -57,9 +58,9 @@ pub(super) fn approach(
 
 struct Way<'a> {
     machine: &'a Machine,
-    /// Where the touch begins.
+    /// Start of the touch.
     from: &'a Position,
-    /// Z is never planned lower than the touch itself.
+    /// Z of the path is never lower than the touch itself.
     lowest: f64,
     clearance: &'a Clearance,
 }
@@ -82,7 +83,7 @@ impl Way<'_> {
         path.rapid(&height(high));
     }
 
-    /// The rotary axes and X, Y together: all that could be met is lower all the way.
+    /// Moves the rotary axes and X, Y together: all obstacles are lower during the whole motion.
     fn turning(&self, path: &mut Path, high: f64) -> Result<(), PlanningError> {
         let needed = self.clearance.while_turning(&path.stands, self.from)?.max(high);
         self.rise(path, needed);
@@ -93,7 +94,7 @@ impl Way<'_> {
         Ok(())
     }
 
-    /// The rotary axes stand as they should.
+    /// Moves the linear axes; the rotary axes are already in position.
     fn straight(&self, path: &mut Path, high: f64) {
         let apart = self.clearance.about.apart_from_above(&path.stands, self.from);
         let between = |margin| {
@@ -120,7 +121,7 @@ impl Way<'_> {
         path.rapid(&height(high));
     }
 
-    /// Up to `needed`: guarded as long as something is near.
+    /// Raises Z to `needed`: guarded while an obstacle is near.
     fn rise(&self, path: &mut Path, needed: f64) {
         let z = path.stands.at(Axis::Z);
         if z >= needed - SLACK {

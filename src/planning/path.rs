@@ -1,20 +1,20 @@
-//! The motions of a block as it is planned.
+//! Motions of a block during planning.
 
 use machine::record::motion::Motion;
 use machine::{Axis, Position};
 
-/// Positions nearer than this are the same, mm or rad.
+/// Maximum difference of equal positions, mm or rad.
 pub(super) const SAME: f64 = 1e-9;
 
 pub(super) fn height(z: f64) -> Position {
     Position::new().with(Axis::Z, z)
 }
 
-/// Motions so far, and where they lead.
+/// Motions so far, and the position at their end.
 pub(super) struct Path {
     pub stands: Position,
     pub motions: Vec<Motion>,
-    /// Of guarded moves.
+    /// Feed of guarded moves, mm/min.
     near_feed: f64,
 }
 
@@ -28,12 +28,12 @@ impl Path {
         self.feed(to, |to| Motion::Guarded { to, feed_mm_min });
     }
 
-    /// Nothing yet, from where the machine `stands`.
+    /// Empty path from the position `stands`.
     pub fn from(stands: Option<&Position>, near_feed: f64) -> Self {
         Self { stands: stands.cloned().unwrap_or_default(), motions: Vec::new(), near_feed }
     }
 
-    /// Only the axes that have somewhere to go; no motion if there is none.
+    /// Adds a motion of the axes that are not at their target yet; none if all are.
     pub fn feed(&mut self, to: &Position, motion: impl FnOnce(Position) -> Motion) {
         let moved: Position =
             to.iter().filter(|(axis, value)| !self.stands_at(*axis, *value)).collect();

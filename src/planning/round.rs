@@ -1,8 +1,8 @@
-//! From touch to touch of one ball: round it instead of over it.
+//! Paths from touch to touch of one ball: round the ball instead of over it.
 //!
-//! A touch ends aside, as far from the ball as an unguarded move may begin. From there the way leads
-//! guarded over one corner along two tangents, so that it is nowhere nearer to the ball than where the
-//! next touch begins.
+//! A touch ends beside the ball, at the distance at which an unguarded move may begin. From there, the guarded path
+//! leads over one corner along two tangents, so that it is nowhere nearer to the ball than the start of the next
+//! touch.
 
 use std::f64::consts::PI;
 
@@ -18,26 +18,27 @@ use machine::kinematics::KinematicsError;
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
 
-/// Further round, the corner stands out so far that over the ball is as short, rad.
+/// Maximum angle of a path round the ball, rad; with a larger angle, the corner is so far out that a path over the
+/// ball is as short.
 const WIDEST: f64 = 2.0 / 3.0 * PI;
-/// Rounding of a place, mm.
+/// Rounding tolerance of a position, mm.
 const SLACK: f64 = 1e-3;
 
 /// A ball of the artefact.
 #[derive(Debug, Clone)]
 struct OneBall {
     name: String,
-    /// Table frame, mm.
+    /// Centre, table frame, mm.
     centre: Vector3<f64>,
-    /// Of the stylus ball's centre from its own where the two touch, mm.
+    /// Distance of the stylus ball's centre from this centre at contact, mm.
     reach: f64,
-    /// It may stand off its place by this, mm.
+    /// Maximum distance of the ball from its expected position, mm.
     loose: f64,
 }
 
-/// The places to go through from where the machine stands beside a ball, or over it, to the start of
-/// the next touch of the same ball: a corner if one is wanted, and the start. `None`: not that near to
-/// the ball, too far round it, out of travel, or something else is in the way.
+/// Positions of the path from the position of the machine, beside a ball or above it, to the start of the next
+/// touch of the same ball: a corner if necessary, and the start. `None`: the machine is not near the ball, the path
+/// round it is too long or out of travel, or an obstacle blocks it.
 pub(super) fn round(
     about: &Surroundings,
     machine: &Machine,
@@ -48,7 +49,7 @@ pub(super) fn round(
     let (here, there) = (about.off(&ball, stands), about.off(&ball, start));
     let near = ball.reach + ball.loose;
     let about_it = |off: Vector3<f64>| (near..near + 2.0 * LIFT).contains(&off.norm());
-    // Below its middle the stylus would come nearer with its stem than with its ball.
+    // Below the ball's centre, the stem of the stylus would come nearer than its ball.
     let upper = here.z.min(there.z) >= -SLACK;
     if !(about_it(here) && about_it(there) && upper) {
         return None;
@@ -66,8 +67,8 @@ pub(super) fn round(
     Some(places)
 }
 
-/// Straight away from the ball that was touched from `start`, so far that the next way may be fast.
-/// `None`: out of travel, or something else is near.
+/// Position straight away from the ball that was touched from `start`, at a distance from which the next path may
+/// begin with a rapid. `None`: out of travel, or an obstacle is near.
 pub(super) fn aside(about: &Surroundings, machine: &Machine, start: &Position) -> Option<Position> {
     let ball = about.ball_at(start)?;
     let there = about.off(&ball, start);
@@ -87,8 +88,9 @@ fn place(
     limits::within(&place.only(Axis::is_linear), machine).then_some(place)
 }
 
-/// Where the tangents from two places to a ball about the origin meet that goes through the nearer of
-/// them, in the plane of all three; nothing if the straight way is clear of it. `None`: too far round.
+/// Corner at which the tangents from two places meet, in the plane of the places and the origin. The tangents touch
+/// a ball about the origin whose radius is the distance of the nearer place. Empty if the straight path is clear of
+/// that ball. `None`: the angle is too large.
 fn corner(here: Vector3<f64>, there: Vector3<f64>) -> Option<Vec<Vector3<f64>>> {
     let radius = here.norm().min(there.norm());
     let (u, v) = (unit_vector(here)?, unit_vector(there)?);
@@ -105,7 +107,7 @@ fn corner(here: Vector3<f64>, there: Vector3<f64>) -> Option<Vec<Vector3<f64>>> 
 }
 
 impl Surroundings {
-    /// The ball that the stylus ball stands nearest to.
+    /// The ball nearest to the stylus ball.
     fn ball_at(&self, at: &Position) -> Option<OneBall> {
         let ball = |obstacle: &Obstacle| match obstacle.body {
             Body::Round(Shape::Ball { centre, radius }) if obstacle.of_artefact => Some(OneBall {
@@ -121,16 +123,16 @@ impl Surroundings {
         balls.min_by(|one, other| gap(one).total_cmp(&gap(other)))
     }
 
-    /// The stylus ball's centre as seen from that of a ball, machine directions.
+    /// Vector from the centre of a ball to the stylus ball's centre, machine directions.
     fn off(&self, ball: &OneBall, at: &Position) -> Vector3<f64> {
         let table = self.chain.machine_from_table(at, &[]).rotation;
         table * (self.chain.tip_in_table(at, self.tip, &[]).mm - ball.centre)
     }
 
-    /// The place that holds the stylus ball so far off a ball, the rotary axes as in `rotary`.
+    /// Position at which the stylus ball is at `off` from a ball, with the rotary axes as in `rotary`.
     ///
     /// # Errors
-    /// A machine whose linear axes do not span space.
+    /// The linear axes of the machine do not span space.
     fn beside(
         &self,
         ball: &OneBall,

@@ -1,5 +1,5 @@
-//! One scan as motions: nothing is touched, so nothing is guarded; the proof keeps all of it away from
-//! everything.
+//! Motions of one scan. A scan touches nothing, so its moves are not guarded; the proof checks that all of it keeps
+//! its distance.
 
 use super::careful::{Careful, is_in_nest, near_feed, nest_feed};
 use super::clearance::LIFT;
@@ -10,18 +10,17 @@ use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Sampling, Scan, Step};
 use machine::{Axis, Position};
 
-/// So far above its first point the way down to it becomes a feed move, mm.
+/// Height above the first point at which the descent becomes a feed move, mm.
 const SLOW_MM: f64 = 10.0;
-/// From this near to its first point the ball does not leave a nest of sensors on the table, mm.
+/// Maximum distance from the first point at which the ball stays in a nest of sensors on the table, mm.
 const NEST_WAY_MM: f64 = 1.0;
 
-/// The blocks of one step: one of a touch; of a scan with dwell points one for each stretch after which
-/// samples are taken, the first with the way to it; of a continuous one the way to its first point and
-/// the scan, without a rest.
+/// Blocks of one step. A touch is one block. A scan with dwell points is one block for each section after which
+/// samples are taken, the first with the path to it. A continuous scan is the path to its first point and the scan,
+/// without a rest.
 ///
 /// # Errors
-/// As [`touch_block`]; a scan whose points do not say where all axes stand, or that is sampled in a
-/// way that cannot be.
+/// As [`touch_block`]; the points of a scan do not contain all axes, or its sampling is impossible.
 pub fn step_blocks(
     plan: &Plan,
     step: &Step,
@@ -35,11 +34,11 @@ pub fn step_blocks(
     }
 }
 
-/// Up, turn and across as high as Z goes where the rotary axes or the spindle turn, otherwise no higher
-/// than the two ends of the way; down again, the last of it slowly; then from point to point. Until a
-/// scan has confirmed where the machine stands the way there is careful ([`super::careful`]), and down to
-/// where the sensor may see something it is blocks of its own ([`blocks_out_of_range`]). The way of the ball
-/// into a nest of sensors on the table is always planned like this; from scan to scan it stays there.
+/// If the rotary axes or the spindle turn, the path leads up to the end of Z, turns and moves across; otherwise it
+/// is no higher than its two ends. Then it leads down, the last part slowly, and from point to point. Until a scan
+/// has confirmed the position of the machine, the path is careful ([`super::careful`]), and the descent to where
+/// the sensor may reach a body is separate blocks ([`blocks_out_of_range`]). The path of the ball into a nest of
+/// sensors on the table is always planned like this; between scans, the ball stays in the nest.
 fn scan_blocks(
     plan: &Plan,
     (step, scan): (&Step, &Scan),
@@ -89,7 +88,7 @@ fn scan_blocks(
     Ok(blocks)
 }
 
-/// Whether the axes that a scan does not move are where it begins.
+/// Whether the axes that a scan does not move are at its start.
 fn still_axes_stand_at(path: &Path, scan: &Scan) -> bool {
     let Some(first) = scan.path.first() else { return false };
     let is_still = |axis: Axis, at: f64| scan.path.iter().all(|point| point.at(axis) == at);
@@ -97,8 +96,8 @@ fn still_axes_stand_at(path: &Path, scan: &Scan) -> bool {
     still.all(|(axis, at)| path.stands_at(axis, at))
 }
 
-/// Whether the ball is so near to the first point of a scan in a nest that it need not leave it. Until the
-/// position is confirmed no axis turns for that.
+/// Whether the ball is so near to the first point of a scan in a nest that it can stay in the nest. Until the
+/// position is confirmed, no axis turns for this.
 fn stays_in_nest(path: &Path, from: &Position, confirmed: Confirmed) -> bool {
     let is_in_place = |(axis, at): (Axis, f64)| match path.stands.get(axis) {
         Some(stands) if axis.is_linear() => (stands - at).abs() <= NEST_WAY_MM,
@@ -108,7 +107,7 @@ fn stays_in_nest(path: &Path, from: &Position, confirmed: Confirmed) -> bool {
     from.iter().all(is_in_place)
 }
 
-/// The turn to the first point, as slow as turns are until the position is confirmed.
+/// Turns to the first point, at the feed that is allowed until the position is confirmed.
 fn turn_to(path: &mut Path, plan: &Plan, from: &Position, clearance: &Clearance) {
     for (axis, at) in from.iter().filter(|(axis, _)| !axis.is_linear() && *axis != Axis::S) {
         let chain = &clearance.about.chain;
@@ -117,11 +116,11 @@ fn turn_to(path: &mut Path, plan: &Plan, from: &Position, clearance: &Clearance)
     }
 }
 
-/// How many of the `count` blocks of a scan lead to where nothing declared is within the range of its
-/// sensor: straight up, then across and down. None once the position is confirmed; with sensors on the table
-/// none if the ball is between them already.
+/// Number of the `count` blocks of a scan that lead to where no declared body is within the range of its sensor:
+/// straight up, then across and down. None once the position is confirmed; with sensors on the table, none if the
+/// ball is already between them.
 pub fn blocks_out_of_range(scan: &Scan, count: usize) -> usize {
-    // The way to the first point is in the first of these.
+    // The path to the first point is in the first of these blocks.
     let rest = match scan.sampling {
         Sampling::Dwell { .. } => scan.path.len(),
         Sampling::Continuous { .. } => 2,
@@ -129,8 +128,8 @@ pub fn blocks_out_of_range(scan: &Scan, count: usize) -> usize {
     count.saturating_sub(rest)
 }
 
-/// Z over the first point from which on nothing declared is within the range of a sensor, neither there
-/// nor on the way there at the upper end of Z.
+/// Height of Z above the first point from which on no declared body is within the range of a sensor, neither there
+/// nor on the path to it at the upper end of Z.
 fn low_z(step: &Step, path: &Path, clearance: &Clearance) -> Result<f64, PlanningError> {
     let from = &step.from;
     let stands = path.stands.only(|axis| matches!(axis, Axis::X | Axis::Y));

@@ -1,7 +1,7 @@
-//! What stands about the tool, and how high the tool must be to pass.
+//! Obstacles around the tool, and the height at which the tool passes them.
 //!
-//! The tool stands upright along Z: the stylus ball, and above it cylinders without an upper end.
-//! Bounds are on the safe side; whether something is in the way indeed is for the proof to say.
+//! The tool is upright along Z: the stylus ball, and above it cylinders without an upper end. The bounds are
+//! conservative; the proof decides whether an obstacle blocks the path.
 
 use nalgebra::Vector3;
 
@@ -17,47 +17,47 @@ use machine::record::plan::Plan;
 use machine::record::sensor::{Mount, Sensor};
 use machine::{Axis, Position};
 
-/// What the tool keeps from all that it is not there to touch, mm. A little more than the proof asks.
+/// Clearance of the tool from everything that it does not touch, mm. Slightly more than the proof requires.
 pub(super) const CLEAR: f64 = 0.6;
 
 #[derive(Debug, Clone)]
 pub(super) struct Obstacle {
     pub name: String,
-    /// Number of what carries it.
+    /// Index of the carrier.
     carrier: usize,
     pub body: Body,
     pub of_artefact: bool,
-    /// It may stand off its place by this.
+    /// Maximum distance from the expected position, mm.
     pub loose: f64,
 }
 
-/// All of them, with the machine.
+/// All obstacles, and the machine.
 #[derive(Debug, Clone)]
 pub(super) struct Surroundings {
     pub chain: Chain,
     pub tip: Point<Spindle>,
     tool: Vec<Element>,
-    /// Where each displacement sensor measures: a surface there is within its range.
+    /// Measuring range of each displacement sensor: a surface there is within its range.
     ranges: Vec<Element>,
     pub obstacles: Vec<Obstacle>,
-    /// What carries them.
+    /// Carriers of the obstacles.
     carriers: Vec<Carried>,
-    /// Of each sensor on the table the line from one end of its range to the other.
+    /// For each sensor on the table, the line from one end of its range to the other.
     measuring_lines: Vec<Obstacle>,
     pub ball_radius: f64,
-    /// The artefact may stand off its place by this, mm.
+    /// Maximum distance of the artefact from its expected position, mm.
     pub loose: f64,
-    /// Z ends here.
+    /// Upper end of Z, mm.
     pub max_z: f64,
 }
 
-/// Where the stylus ball and all that carries an obstacle are at one position, machine frame.
+/// Positions of the stylus ball and of all carriers of obstacles, machine frame.
 struct Standing {
     tip: Vector3<f64>,
     carriers: Vec<Pose>,
 }
 
-/// Something that the tool would come too near to, or that would be within a sensor's range.
+/// An obstacle to which the tool would come too near, or that would be within a sensor's range.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Near {
     pub tool: String,
@@ -65,7 +65,7 @@ pub(super) struct Near {
 }
 
 impl Surroundings {
-    /// `artefact` as it is thought to stand.
+    /// Builds the surroundings with `artefact` at its expected position.
     pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, PlanningError> {
         let chain = Chain::new(&plan.machine)?;
         let loose = artefact::uncertainty_mm(artefact);
@@ -112,14 +112,14 @@ impl Surroundings {
         })
     }
 
-    /// Centre of the stylus ball in the machine frame.
+    /// Centre of the stylus ball, machine frame.
     pub fn tip_at(&self, position: &Position) -> Vector3<f64> {
         self.chain.machine_from_spindle(position, &[]).transform_point(&self.tip.mm.into()).coords
     }
 
-    /// Z command from which on the stylus ball is `margin` higher than all that Z can pass over, the
-    /// rotary axes as in `pose`, wherever the other axes stand. `Err`: what is on the table is
-    /// higher than Z reaches; the value is the Z needed.
+    /// Z command from which on the stylus ball is `margin` higher than everything that Z can pass over, with the
+    /// rotary axes as in `pose`, at any position of the other axes. `Err`: the artefact is higher than Z reaches;
+    /// the value is the required Z.
     pub fn z_over_all(&self, pose: &Position, margin: f64) -> Result<f64, f64> {
         let (here, higher) = self.here_and_higher(pose);
         let mut needed = f64::NEG_INFINITY;
@@ -137,21 +137,20 @@ impl Surroundings {
         Ok(needed)
     }
 
-    /// Z command from which on the tool is `margin` clear of all that Z can pass over, on the straight
-    /// way in X and Y between two positions with the same rotary axes. Nothing lower than `to` is
-    /// looked for.
+    /// Z command from which on the tool is `margin` clear of everything that Z can pass over, on the straight path
+    /// in X and Y between two positions with the same rotary axes. Heights below `to` are not considered.
     pub fn z_between(&self, from: &Position, to: &Position, margin: f64) -> f64 {
         let needed = self.heights(&self.tool, &self.obstacles, [from, to], margin);
         let needed = needed.into_iter().map(|(z, _)| z);
         needed.filter(|z| *z <= self.max_z).fold(f64::NEG_INFINITY, f64::max)
     }
 
-    /// Z command from which on nothing declared is within the range of a displacement sensor in the
-    /// spindle, and the stylus ball is within that of none on the table, on the straight way in X and Y
-    /// between two positions with the same rotary axes. The ball counts as a cylinder that ends below it.
+    /// Z command from which on no declared body is within the range of a displacement sensor in the spindle, and
+    /// the stylus ball is not within the range of any sensor on the table, on the straight path in X and Y between
+    /// two positions with the same rotary axes. The ball counts as a cylinder that ends below it.
     ///
     /// # Errors
-    /// Z does not reach so high; the sensor and what is within its range.
+    /// Z does not reach that height; the value is the sensor and the body within its range.
     pub fn z_out_of_range(&self, from: &Position, to: &Position, margin: f64) -> Result<f64, Near> {
         let mut needed = self.heights(&self.ranges, &self.obstacles, [from, to], margin);
         let ball = self.tool.get(..1).unwrap_or_default();
@@ -167,7 +166,7 @@ impl Surroundings {
         near.filter(|_| z > self.max_z).map_or(Ok(z), Err)
     }
 
-    /// Z commands from which on each of `parts` is `margin` clear of each of `obstacles` that is on the way.
+    /// Z commands from which on each of `parts` is `margin` clear of each of `obstacles` on the path.
     fn heights(
         &self,
         parts: &[Element],
@@ -191,16 +190,16 @@ impl Surroundings {
         heights
     }
 
-    /// What the tool comes nearer to than `margin` on the straight way in X, Y, Z between two positions
-    /// with the same rotary axes, or had come to on its way straight down to it. The ball of that
-    /// name is there to be touched: only what is above the stylus ball must stay clear of it.
+    /// First obstacle to which the tool is nearer than `margin` on the straight path in X, Y, Z between two
+    /// positions with the same rotary axes, or on the straight descent to it. The ball with the name `touched` is
+    /// the target: only the parts above the stylus ball must stay clear of it.
     pub fn near(&self, from: &Position, to: &Position, margin: f64, touched: &str) -> Option<Near> {
         let ends = [from, to].map(|at| self.standing(at));
         self.obstacles.iter().find_map(|obstacle| {
             let own = obstacle.name == touched;
             let way = ends.each_ref().map(|at| at.tip_from(obstacle));
             let body = ends[1].seen(obstacle);
-            // What is loose moves with the ball that stops the touch.
+            // The offset of this ball also shifts the point at which the touch stops.
             let margin = if own { 0.0 } else { margin + obstacle.loose };
             let mut parts = self.tool.iter().skip(usize::from(own));
             let near = parts.find(|part| !part.is_clear(way, &body, margin));
@@ -208,7 +207,7 @@ impl Surroundings {
         })
     }
 
-    /// How far two places are apart seen along the spindle, the rotary axes as in `to`, mm.
+    /// Distance of two positions seen along the spindle, with the rotary axes as in `to`, mm.
     pub fn apart_from_above(&self, from: &Position, to: &Position) -> f64 {
         let level = from.updated_by(&to.only(|axis| !axis.is_linear()));
         let [from, to] = [&level, to].map(|at| self.chain.tip_in_table(at, self.tip, &[]).mm);
@@ -216,14 +215,14 @@ impl Surroundings {
         (table * (to - from)).xy().norm()
     }
 
-    /// Is the tool `margin` clear of everything?
+    /// Whether the tool is `margin` clear of everything.
     pub fn is_clear(&self, at: &Position, margin: f64) -> bool {
         self.near(at, at, margin, "").is_none()
     }
 
-    /// Is the straight way in X, Y, Z between two places with the same rotary axes free for a guarded
-    /// move? The ball of that name is not looked at against ball and stem of the stylus: the way was
-    /// laid about it.
+    /// Whether the straight path in X, Y, Z between two positions with the same rotary axes is free for a guarded
+    /// move. The ball with the name `round` is not checked against ball and stem of the stylus, because the path
+    /// leads round it.
     pub fn passes(&self, from: &Position, to: &Position, round: &str) -> bool {
         let ends = [from, to].map(|at| self.standing(at));
         self.obstacles.iter().all(|obstacle| {
@@ -235,7 +234,7 @@ impl Surroundings {
         })
     }
 
-    /// Does a positive Z command lift the tool off the table?
+    /// Whether a positive Z command moves the tool away from the table.
     pub fn z_lifts(&self) -> bool {
         let at = |z: f64| Position::new().with(Axis::Z, z);
         let over_table = |position: &Position| {
@@ -245,7 +244,7 @@ impl Surroundings {
         over_table(&at(1.0)) > over_table(&at(0.0))
     }
 
-    /// Does the spindle stand upright?
+    /// Whether the spindle is upright.
     pub fn upright(&self, pose: &Position) -> bool {
         let axis = self.chain.machine_from_spindle(pose, &[]).rotation * Vector3::z();
         axis.z > 1.0 - 1e-9
@@ -257,7 +256,7 @@ impl Surroundings {
         Standing { tip: self.tip_at(at), carriers }
     }
 
-    /// At a position, and with Z 1 mm further.
+    /// State at a position, and with Z 1 mm higher.
     fn here_and_higher(&self, at: &Position) -> (Standing, Standing) {
         let higher = at.clone().with(Axis::Z, at.at(Axis::Z) + 1.0);
         (self.standing(at), self.standing(&higher))
@@ -265,19 +264,19 @@ impl Surroundings {
 }
 
 impl Standing {
-    /// Centre of the stylus ball from the origin of the obstacle's carrier, machine directions.
+    /// Vector from the origin of the obstacle's carrier to the centre of the stylus ball, machine directions.
     fn tip_from(&self, obstacle: &Obstacle) -> Vector3<f64> {
         self.tip - self.carriers[obstacle.carrier].translation.vector
     }
 
-    /// The obstacle turned as it stands, from the origin of its carrier.
+    /// The obstacle in machine directions, relative to the origin of its carrier.
     fn seen(&self, obstacle: &Obstacle) -> Body {
         obstacle.body.turned(&self.carriers[obstacle.carrier].rotation)
     }
 }
 
-/// Z command that holds the stylus ball's centre at a height over the obstacle's carrier, of the places where Z
-/// stands and 1 mm further; `None` if Z does not lift it off.
+/// Z command that holds the stylus ball's centre at `height` above the obstacle's carrier, extrapolated from the
+/// present Z and from 1 mm higher; `None` if Z does not lift the ball off.
 fn z_command(
     z: f64,
     [here, higher]: [&Standing; 2],
@@ -289,7 +288,7 @@ fn z_command(
     (lift > 0.5).then(|| z + (height - stands) / lift)
 }
 
-/// Of a carrier among those that are known, known by now.
+/// Index of a carrier in the list; a new carrier is appended.
 fn number_of(carriers: &mut Vec<Carried>, carried: Carried) -> usize {
     let known = carriers.iter().position(|known| known.moves_as(&carried));
     known.unwrap_or_else(|| {

@@ -1,4 +1,4 @@
-//! The touch cycle's properties, and machine time by hand.
+//! Properties of the touch cycle, and machine times computed by hand.
 
 mod balls;
 mod nest;
@@ -10,7 +10,7 @@ use serde_json::json;
 use super::*;
 use machine::record::plan::{Sampling, Scan, Step, StepKind};
 
-/// Stylus 120 mm long with a ball of 3 mm; a part 100 mm high, radius 45 mm, on the table.
+/// Stylus 120 mm long with a ball of 3 mm radius; a part 100 mm high, radius 45 mm, on the table.
 fn plan(steps: Vec<Step>) -> Plan {
     let linear = json!({"min": -250.0, "max": 250.0, "rapid_per_min": 6000.0, "acceleration_per_s2": 1000.0});
     let height =
@@ -34,7 +34,7 @@ fn at(axes: &[(Axis, f64)]) -> Position {
     axes.iter().copied().collect()
 }
 
-/// A radial touch at half the part's height: from 0.5 mm clear to 1 mm beyond.
+/// A radial touch at half the part's height: from 0.5 mm before contact to 1 mm beyond.
 fn touch(id: u32, phi: f64, b: f64, c: f64, s: f64) -> Step {
     let place = |r: f64| {
         at(&[(Axis::X, r * phi.cos()), (Axis::Y, r * phi.sin()), (Axis::Z, 170.0)])
@@ -57,7 +57,7 @@ fn touch(id: u32, phi: f64, b: f64, c: f64, s: f64) -> Step {
     }
 }
 
-/// Part 100 + ball 3 + uncertainty 2 + margin 10 + stylus 120.
+/// Safe height, mm: part 100 + ball 3 + uncertainty 2 + margin 10 + stylus 120.
 const SAFE_Z: f64 = 235.0;
 
 fn is_near(a: &Position, b: &Position) -> bool {
@@ -88,7 +88,7 @@ fn regress_the_sequence_of_one_touch() {
         Motion::Guarded { to: z(safe), feed_mm_min: 1500.0 },
     ];
     assert_eq!(block.motions, expected);
-    // A second touch of the same point needs neither rise nor turn.
+    // A second touch of the same point needs neither a rise nor a turn.
     let stands = end_of(&block.motions, &Position::new());
     assert!(is_near(&stands, &plan.steps[0].from.updated_by(&z(safe))));
     let again = touch_block(
@@ -102,8 +102,8 @@ fn regress_the_sequence_of_one_touch() {
     assert_eq!(again.motions, expected[5..]);
 }
 
-/// Until touches have confirmed where the machine stands: over the upper end of Z, one thing after the
-/// other, and near the part as slow as a search.
+/// Until touches have confirmed the position of the machine, the path leads by way of the upper end of Z, one axis
+/// group after the other, and near the part at the search feed.
 #[test]
 fn the_way_to_an_unconfirmed_place_is_careful() {
     let plan = plan(vec![touch(3, 0.0, 0.0, 1.0, 0.5)]);
@@ -122,7 +122,7 @@ fn the_way_to_an_unconfirmed_place_is_careful() {
             guarded(z(SAFE_Z), feed),
         ]
     };
-    // Low beside the part, turned by C alone, and 0.1 mm off in X: too short for a probing move.
+    // Low beside the part, only C turned, and 0.1 mm off in X: too short for a probing move.
     let stands = plan.steps[0].from.clone().with(Axis::C, 0.0).with(Axis::X, 48.6);
     let block = of(Some(&stands), Confirmed::default());
     let [Motion::Guarded { to: up, .. }, _, Motion::Feed { to: turn, .. }, rest @ ..] =
@@ -135,17 +135,17 @@ fn the_way_to_an_unconfirmed_place_is_careful() {
     assert_eq!(rest[0], Motion::Feed { to: x(48.5), feed_mm_min: 300.0 });
     assert_eq!(rest[1], guarded(z(SAFE_Z), 1500.0));
     assert_eq!(rest[2..], touched(300.0));
-    // Again from where that ended nothing goes aside, and the probe lives.
+    // From the end of that block, no sideways move is needed, and the probe is known to work.
     let stands = end_of(&block.motions, &stands);
     let begun = Confirmed::default().after(&plan.steps[0]);
     assert_eq!(of(Some(&stands), begun).motions, touched(1500.0));
-    // Whatever is not known has to move.
+    // Every axis whose position is unknown must move.
     let unknown = of(None, Confirmed::default());
     assert!(!unknown.motions.iter().any(|motion| matches!(motion, Motion::Rapid { .. })));
     assert_eq!(unknown.motions.len(), 4 + 2 + touched(300.0).len());
 }
 
-/// Every motion of `block` obeys the rules of safe motion, whatever came before.
+/// Checks that every motion of `block` obeys the rules of safe motion, whatever came before.
 fn assert_safe(plan: &Plan, block: &Block, begins: &Position, safe_z: f64) {
     let mut stands = begins.clone();
     let mut probe: Option<(Position, Position)> = None;
@@ -156,7 +156,7 @@ fn assert_safe(plan: &Plan, block: &Block, begins: &Position, safe_z: f64) {
         let turns = to.iter().any(|(axis, _)| !axis.is_linear());
         assert!(!turns || high(&stands), "turns low: {motion:?}");
         match motion {
-            // Unguarded: high at both ends, or straight up from nobody knows where.
+            // Unguarded: high at both ends, or straight up from an unknown position.
             Motion::Rapid { .. } if high(&stands) => assert!(high(&next), "{motion:?}"),
             Motion::Rapid { .. } => {
                 assert!(to.iter().all(|(axis, _)| axis == Axis::Z), "{motion:?}");
@@ -197,7 +197,7 @@ fn regress_every_touch_of_a_cycle_is_safe() {
     let parked = touch(0, 1.0, 0.0, 0.0, 0.0).from;
     for begins in [
         None,
-        // Low beside the part, between, and higher than the safe height.
+        // Low beside the part, at the safe height, and higher than the safe height.
         Some(parked.clone()),
         Some(parked.updated_by(&at(&[(Axis::Z, clearance.over_all.unwrap())]))),
         Some(parked.updated_by(&at(&[(Axis::Z, 440.0)]))),
@@ -222,8 +222,8 @@ fn regress_every_touch_of_a_cycle_is_safe() {
     assert!(seconds > 24.0 * 1.5);
 }
 
-/// A part 100 mm high and 45 mm in radius, tilted from 0° to 90°: its rim rises to √(100² + 45²)
-/// on the way, higher than at either end.
+/// A part 100 mm high and 45 mm in radius, tilted from 0° to 90°: its rim rises to √(100² + 45²) during the motion,
+/// higher than at either end.
 #[test]
 fn regress_the_safe_height_covers_the_way_between_tilts() {
     let plan = plan(vec![touch(0, 0.0, 0.0, 0.0, 0.0), touch(1, 0.0, FRAC_PI_2, 0.0, 0.0)]);
@@ -294,7 +294,7 @@ fn a_limit_in_degrees_may_be_reached() {
     assert!(touch_block(&plan, &plan.steps[0], 0, Start::default(), &clearance).is_ok());
 }
 
-/// X at 100 mm/s and 1000 mm/s², C at 30°/s and 300°/s².
+/// X moves at 100 mm/s and 1000 mm/s², C at 30°/s and 300°/s².
 #[test]
 fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
     let machine = plan(Vec::new()).machine;
@@ -308,9 +308,9 @@ fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
         (vec![rapid(&[(Axis::X, 100.0)])], 1.1),
         // 2.5 mm never reaches full speed: 2·√(2.5/1000).
         (vec![rapid(&[(Axis::X, -2.5)])], 0.1),
-        // 90° takes 3 s and one ramp; X beside it waits.
+        // 90° take 3 s and one ramp; X waits for C.
         (vec![rapid(&[(Axis::X, 10.0), (Axis::C, FRAC_PI_2)])], 3.1),
-        // 50 mm of path at 10 mm/s; on it Y accelerates most: 1000/0.8 mm/s².
+        // 50 mm of path at 10 mm/s; Y limits the path acceleration: 1000/0.8 mm/s².
         (
             vec![Motion::Guarded {
                 to: at(&[(Axis::X, 30.0), (Axis::Y, 40.0)]),
@@ -318,7 +318,7 @@ fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
             }],
             5.0 + 10.0 / 1250.0,
         ),
-        // Half of 2 mm there at 0.5 mm/s and back at 5 mm/s.
+        // Half of 2 mm at 0.5 mm/s towards contact, and back at 5 mm/s.
         (
             vec![
                 Motion::Probe { to: at(&[(Axis::X, 2.0)]), feed_mm_min: 30.0 },
@@ -327,7 +327,7 @@ fn regress_machine_time_is_that_of_hand_computed_trapezoids() {
             2.0 + 0.0005 + 0.2 + 0.005,
         ),
         (vec![Motion::Dwell { seconds: 2.5 }], 2.5),
-        // S is unknown at first, then turns 60°.
+        // S is unknown at first, then it turns 60°.
         (vec![Motion::Orient { s: 1.0 }, Motion::Orient { s: 1.0 + PI / 3.0 }], 2.1),
         (vec![rapid(&[(Axis::X, 0.0)])], 0.0),
     ];
@@ -382,7 +382,7 @@ fn a_scan_goes_high_only_to_turn_and_has_a_block_for_each_point() {
         let heights = block.motions.iter().filter_map(|motion| target(motion)?.get(Axis::Z));
         heights.fold(f64::NEG_INFINITY, f64::max)
     };
-    // To the top from nobody knows where, and to turn C; otherwise 10 mm above the path.
+    // The path leads to the upper end from an unknown position, and to turn C; otherwise 10 mm above the scan path.
     assert_eq!([0, 5, 8].map(|i| highest(&blocks[i])), [450.0, 270.0, 450.0]);
     let to_middle = [Motion::Feed { to: at(&[(Axis::X, 0.0)]), feed_mm_min: 60.0 }];
     let rest = [Motion::Dwell { seconds: 0.5 }];
@@ -413,8 +413,8 @@ fn an_axis_with_a_clamp_turns_at_feed_until_the_position_is_confirmed() {
     assert!(!block.motions.iter().any(|motion| matches!(motion, Motion::Rapid { .. })));
 }
 
-/// The part is 100 mm high. With Z at 283 the far end of the range, 180 mm below the spindle's datum, is 3 mm
-/// above it; its place is uncertain by `loose`.
+/// The part is 100 mm high. With Z at 283, the far end of the range, 180 mm below the spindle datum, is 3 mm above
+/// the part, whose position is uncertain by `loose`.
 #[test]
 fn until_a_scan_confirms_the_way_down_ends_where_nothing_is_within_range() {
     let of = |range_mm: [f64; 2]| {
@@ -446,14 +446,15 @@ fn until_a_scan_confirms_the_way_down_ends_where_nothing_is_within_range() {
     let low_z = down.last().unwrap().at(Axis::Z);
     assert!((low_z - 283.0 - loose).abs() < 0.2, "{low_z}");
     assert_eq!(first, [at(&[(Axis::Z, 255.0)])]);
-    // Down there a distance must stop the machine within the range of 0.4 mm.
+    // At this height, a hold after the first distance must stop the machine within the range of 0.4 mm.
     let feed = |blocks: &[Block]| match blocks[1].motions.last() {
         Some(Motion::Feed { feed_mm_min, .. }) => *feed_mm_min,
         other => panic!("{other:?}"),
     };
     let narrow = feed(&of([-0.2, 0.2]).0.unwrap());
     assert!(feed(&blocks) > 10.0 * narrow && narrow / 60.0 * 0.3 < 0.4, "{narrow}");
-    // From a spindle at 450 mm a range of 230 mm below 150 mm reaches 70 mm.
+    // With the spindle at 450 mm, a range that ends 230 mm below the zero point, which is 150 mm below the datum,
+    // reaches down to 70 mm.
     let refused = of([-10.0, 230.0]).0.unwrap_err();
     assert!(matches!(refused, PlanningError::InRangeAtTop { step: 0, .. }), "{refused}");
 }
@@ -480,7 +481,7 @@ fn a_continuous_scan_is_a_block_of_its_own_without_a_rest() {
         let clearance = Clearance::above(&plan).unwrap();
         blocks(&plan, &clearance).map(|(blocks, _)| blocks)
     };
-    // It goes through its first point again, and stays there once.
+    // The path passes its first point again, and stops there once.
     let found = of(&[-1.0, 1.0, -1.0, -1.0, -2.0], 1000.0).unwrap();
     assert_eq!(found.len(), 4, "up, across and down, to its first point, the scan");
     let way = |x: f64| Motion::Feed { to: at(&[(Axis::X, x)]), feed_mm_min: 60.0 };
@@ -519,13 +520,13 @@ fn what_asks_a_person_stands_first_and_says_something() {
             matches!(refused(&[step]), PlanningError::NotAPrompt { step: bad, .. } if bad == step)
         );
     }
-    // Its text names no axis: the way to the first touch begins nobody knows where.
+    // A prompt contains no axes: the path to the first touch begins at an unknown position.
     let stage = Stage { id: 0, name: String::new(), repeat: 0, steps: vec![0, 1], found: None };
     let (blocks, _) = staged_blocks(&plan, &[stage]).unwrap();
     assert_eq!(blocks.iter().map(|block| block.step).collect::<Vec<_>>(), [1]);
 }
 
-/// Sensors about a part that turns: X, Y and Z stay where they are, unless another axis has to turn.
+/// Sensors about a part that turns: X, Y and Z do not move, unless another axis has to turn.
 #[test]
 fn a_turn_begins_in_place_and_no_other_axis_turns_below_the_top() {
     let point = |c: f64| {

@@ -1,25 +1,25 @@
-//! Machine time: trapezoidal speed along each straight motion.
+//! Machine time: trapezoidal speed profile along each straight motion.
 
 use super::target;
 use machine::record::machine::Machine;
 use machine::record::motion::{Block, Motion};
 use machine::{Axis, Position};
 
-/// Machine time by what it is spent on, s.
+/// Machine time by kind of motion, s.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct MachineTime {
-    /// To contact and back out of it.
+    /// Touches: to contact and back.
     pub touch_s: f64,
-    /// Ways of X, Y, Z alone.
+    /// Moves of X, Y, Z alone.
     pub way_s: f64,
-    /// Ways on which a rotary axis or the spindle turns.
+    /// Moves in which a rotary axis or the spindle turns.
     pub rotary_s: f64,
     /// Dwells.
     pub rest_s: f64,
 }
 
 impl MachineTime {
-    /// Of the blocks in their order; the way to the first position is left out.
+    /// Machine time of the blocks in their order; the move to the first position is not included.
     pub fn of(blocks: &[Block], machine: &Machine) -> Self {
         let (mut time, mut stands) = (Self::default(), Position::new());
         for block in blocks {
@@ -61,10 +61,10 @@ impl MachineTime {
     }
 }
 
-/// Seconds that `block` takes from `begins`, every motion from rest to rest: the axes move together
-/// within the rapid speed and acceleration of each; a feed is that of the path in X, Y, Z, or of
-/// the rotary axes in degrees if they alone move. Where contact comes is not known: the middle of
-/// the touch is assumed. An axis that `begins` does not name takes no time for its first move.
+/// Time of `block` from `begins`, s, every motion from rest to rest. The axes move together within the rapid speed
+/// and acceleration of each. A feed applies to the path in X, Y, Z, or to the rotary axes in degrees if they alone
+/// move. The point of contact is unknown: the middle of the touch is assumed. An axis that `begins` does not
+/// contain takes no time for its first move.
 pub fn machine_time_s(block: &Block, begins: &Position, machine: &Machine) -> f64 {
     let mut time = MachineTime::default();
     time.add(block, &mut begins.clone(), machine);
@@ -89,7 +89,7 @@ pub(super) fn motion_s(
     if ways.is_empty() {
         return 0.0;
     }
-    // In shares of the whole way: the axis that can least sets the pace.
+    // Speed and acceleration in shares of the whole path: the slowest axis limits them.
     let (mut speed, mut acceleration) = (f64::INFINITY, f64::INFINITY);
     for (axis, way) in &ways {
         if let Some(spec) = machine.axes.get(axis) {
@@ -103,7 +103,7 @@ pub(super) fn motion_s(
     trapezoid_s(speed, acceleration)
 }
 
-/// mm in X, Y, Z; degrees if only rotary axes move.
+/// Length to which the feed applies: mm in X, Y, Z; degrees if only rotary axes move.
 fn feed_length(ways: &[(Axis, f64)]) -> f64 {
     let norm = |linear: bool| {
         ways.iter()
@@ -115,7 +115,7 @@ fn feed_length(ways: &[(Axis, f64)]) -> f64 {
     if norm(true) > 0.0 { norm(true) } else { norm(false) }
 }
 
-/// Time for the distance 1 from rest to rest.
+/// Time for the distance 1, from rest to rest.
 fn trapezoid_s(speed: f64, acceleration: f64) -> f64 {
     if speed * speed < acceleration {
         1.0 / speed + speed / acceleration

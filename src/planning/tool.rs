@@ -1,4 +1,4 @@
-//! The tool as upright parts above each other, and what is beside their way.
+//! The tool as a stack of upright parts, and their distance from bodies beside the path.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;
@@ -12,34 +12,34 @@ use machine::record::machine::{Carrier, Solid};
 use machine::record::plan::Plan;
 use machine::record::sensor::Sensor;
 
-/// Directions across which two bodies are looked at from above.
+/// Directions, seen from above, in which the distance of two bodies is evaluated.
 static DIRECTIONS: LazyLock<[Vector2<f64>; 16]> = LazyLock::new(|| {
     std::array::from_fn(|k| {
         let (sin, cos) = (PI * k as f64 / 8.0).sin_cos();
         Vector2::new(cos, sin)
     })
 });
-/// Heights are found to within this, mm.
+/// Accuracy of heights, mm.
 const FOUND_WITHIN: f64 = 0.1;
 
-/// The tool's shape from below.
+/// Shape of one part of the tool, seen from below.
 #[derive(Debug, Clone)]
 pub(super) struct Element {
     pub name: String,
-    /// Ball and stem of the stylus, which the probe feels.
+    /// Whether the probe detects its contact: ball and stem of the stylus.
     pub felt: bool,
     radius: f64,
-    /// Of the lower end, from the centre of the stylus ball.
+    /// Height of the lower end relative to the centre of the stylus ball, mm.
     bottom: f64,
 }
 
 impl Element {
-    /// On a way of the stylus ball, higher by `rise`.
+    /// Space of the part on a path of the stylus ball that is raised by `rise`.
     fn on(&self, way: [Vector3<f64>; 2], rise: f64) -> Upright {
         Upright { way: way.map(|at| at + Vector3::z() * (self.bottom + rise)), radius: self.radius }
     }
 
-    /// Quickly: neither above the body nor beside it.
+    /// Fast check: false if the part passes above the body or beside it.
     pub fn might_meet(&self, way: &[Vector3<f64>; 2], body: &Body, margin: f64) -> bool {
         let lowest = way[0].z.min(way[1].z) + self.bottom;
         lowest < body.top() + margin && beside(way, body) < self.radius + margin
@@ -49,7 +49,7 @@ impl Element {
         !self.might_meet(&way, body, margin) || apart_by(&self.on(way, 0.0), body, margin)
     }
 
-    /// How much higher it must go to be clear of the body by `margin`: by halving, to the upper side.
+    /// Rise at which the part is clear of the body by `margin`, mm; found by bisection and rounded up.
     pub fn rise(&self, way: &[Vector3<f64>; 2], body: &Body, margin: f64) -> f64 {
         if apart_by(&self.on(*way, 0.0), body, margin) {
             return f64::NEG_INFINITY;
@@ -65,8 +65,7 @@ impl Element {
     }
 }
 
-/// A body is at least this far from a straight way, seen from above: across the direction that shows
-/// most.
+/// Lower bound of the distance of a body from a straight path, seen from above: the largest over all directions.
 fn beside(way: &[Vector3<f64>; 2], body: &Body) -> f64 {
     let (points, radius) = body.points();
     let between = |u: &Vector2<f64>| {
@@ -76,16 +75,16 @@ fn beside(way: &[Vector3<f64>; 2], body: &Body) -> f64 {
     DIRECTIONS.iter().map(between).fold(f64::NEG_INFINITY, f64::max) - radius
 }
 
-/// Of the parts of the tool that the probe does not feel: how wide they are, and how far above the centre
-/// of the stylus ball the lowest begins, mm. `None`: none is declared.
+/// Parts of the tool whose contact the probe does not detect: their maximum radius, and the height of the lowest
+/// above the centre of the stylus ball, mm. `None` if none is declared.
 pub(super) fn overhang(plan: &Plan) -> Option<(f64, f64)> {
     let tool = tool(plan);
     let unfelt = tool.iter().filter(|part| !part.felt).map(|part| (part.radius, part.bottom));
     unfelt.reduce(|(wide, low), (radius, bottom)| (wide.max(radius), low.min(bottom)))
 }
 
-/// From the spindle's solids those that it carries itself: what else rides on the tool's side is
-/// for the proof.
+/// Parts of the tool. Of the solids, only those that the spindle carries are included: the proof checks the other
+/// solids of the tool side.
 pub(super) fn tool(plan: &Plan) -> Vec<Element> {
     let probe = &plan.probe;
     let part = |name: &str, felt, radius, bottom| {
@@ -104,7 +103,7 @@ pub(super) fn tool(plan: &Plan) -> Vec<Element> {
     for solid in plan.solids.iter().filter(carried) {
         let body = Body::of(solid);
         let (points, radius) = body.points();
-        // The stylus may stand beside the spindle's axis, and S turns it about that.
+        // The stylus may be beside the spindle's axis, and S turns it about that axis.
         let aside = |p: &Vector3<f64>| p.xy().norm() + tip.xy().norm();
         let wide = points.iter().map(aside).fold(0.0, f64::max) + radius;
         let bottom = body.support(-Vector3::z()).z - tip.z;
@@ -113,8 +112,8 @@ pub(super) fn tool(plan: &Plan) -> Vec<Element> {
     tool
 }
 
-/// Where `sensor` measures, as an upright cylinder about the stylus ball at `tip`, whichever way the
-/// spindle stands.
+/// Measuring range of `sensor`, as an upright cylinder about the stylus ball at `tip` that covers every orientation
+/// of the spindle.
 pub(super) fn range(sensor: &Sensor, tip: &Vector3<f64>) -> Element {
     let [zero, along] = [sensor.zero_mm, sensor.direction].map(Vector3::from);
     let ends = sensor.range_mm.map(|distance| zero + along * distance);

@@ -8,22 +8,22 @@ use machine::record::motion::{Block, Motion};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
 
-/// The motions of one touch: up to a safe height, turn the rotary axes and the spindle, over the
-/// start, guarded down to `from`, a rest if the probe wants one, touch towards `to`, back off to
-/// `from`, guarded up again. A move to where an axis already stands is left out. Near the artefact
-/// all moves but the back-off are guarded; until touches have confirmed where the machine stands all
-/// moves are careful ([`super::careful`]), and near the artefact as slow as a search.
+/// The motions of one touch: up to a safe height, turn the rotary axes and the spindle, move above the start,
+/// guarded down to `from`, dwell if the probe requires it, touch towards `to`, back off to `from`, guarded up
+/// again. A move to the present position is omitted. Near the artefact, all moves but the back-off are guarded.
+/// Until touches have confirmed the position of the machine, all moves are careful ([`super::careful`]), and near
+/// the artefact they use the search feed.
 ///
-/// Round parts: over the top between any two touches. Balls: round the ball, and otherwise as high as
-/// the way wants ([`super::over_balls`]); the block ends just beside the ball, or above whatever stands
-/// near.
+/// Between two touches of a round part, the path leads over its top. Between two touches of a ball, it leads round
+/// the ball, or otherwise as high as necessary ([`super::over_balls`]); the block ends beside the ball, or above
+/// all near obstacles.
 ///
-/// The back-off ends at `from`, the only point that is certainly out of contact wherever contact
-/// came; so that it is never longer than the probe's overtravel, the touch must not be either.
+/// The back-off ends at `from`, the only point that is certainly out of contact. So that the back-off is never
+/// longer than the probe's overtravel, the touch must not be longer either.
 ///
 /// # Errors
-/// A step that is no complete touch, a touch longer than the overtravel, a position out of travel;
-/// of balls, a spindle that does not stand upright.
+/// The step is not a complete touch; the touch is longer than the overtravel; a position is out of travel; for
+/// balls, the spindle is not upright.
 pub fn touch_block(
     plan: &Plan,
     step: &Step,
@@ -53,7 +53,7 @@ pub fn touch_block(
     Ok(block)
 }
 
-/// Over the start of the touch. Returns where to end.
+/// Plans the path above the start of the touch. Returns the position at which the block ends.
 fn over_the_part(
     path: &mut Path,
     (plan, step): (&Plan, &Step),
@@ -106,8 +106,7 @@ fn check_step(plan: &Plan, step: &Step) -> Result<(), PlanningError> {
     if length > SAME { Ok(()) } else { Err(PlanningError::NoLength { step: id }) }
 }
 
-/// A guarded move that meets something must come to rest within the probe's overtravel, whichever
-/// linear axis brakes it.
+/// A guarded move that meets an obstacle must stop within the probe's overtravel, for every linear axis.
 fn check_guarded_feed(plan: &Plan) -> Result<(), PlanningError> {
     let (feed, overtravel) = (plan.probe.guarded_feed_mm_min, plan.probe.overtravel_mm);
     let axes = plan.machine.axes.iter().filter(|(axis, _)| axis.is_linear());

@@ -1,4 +1,4 @@
-//! How fast axes may move while no touch has confirmed where the machine stands.
+//! Maximum feeds while no touch has confirmed the position of the machine.
 
 use nalgebra::Vector3;
 
@@ -10,20 +10,20 @@ use machine::record::plan::Plan;
 use machine::record::sensor::{Mount, Sensor};
 use machine::{Axis, Position};
 
-/// From contact, or a sensor's first distance, to the hold. No control looks at the probe while an axis
-/// turns: its reports show the contact. They are asked for five times a second at least, and what they
-/// show must come back as a hold (devices: `FREE_MOVE_POLL` of grbl, `Patience::poll` of modbus).
+/// Latency from contact, or from a sensor's first distance, to the hold, s. No control checks the probe while an
+/// axis turns, but its status reports show the contact. They are polled at least five times per second, and the
+/// driver must answer them with a hold (devices: `FREE_MOVE_POLL` of grbl, `Patience::poll` of modbus).
 const LATENCY_S: f64 = 0.3;
 
-/// The speed, mm/s, from which a hold stops within `within_mm` at the acceleration `a`, mm/s²:
-/// v = √(2a(within − v·latency)).
+/// Speed, mm/s, from which a hold stops within `within_mm` at the acceleration `a`, mm/s²: v = √(2a(within −
+/// v·latency)).
 pub(super) fn stopping_speed(a: f64, within_mm: f64) -> f64 {
     a * ((LATENCY_S.powi(2) + 2.0 * within_mm / a).sqrt() - LATENCY_S)
 }
 
-/// Degrees a minute, from where the axes stand: what `axis` carries comes to rest within the probe's
-/// overtravel ([`stopping_speed`]), wherever on its surface the stylus met it, and is no faster than a
-/// guarded move.
+/// Maximum feed of `axis` at the position `stands`, degrees/min. From this feed, the parts that the axis carries
+/// stop within the probe's overtravel ([`stopping_speed`]), wherever on their surface the stylus meets them, and
+/// they are no faster than a guarded move.
 pub(super) fn feed_at_most(plan: &Plan, chain: &Chain, axis: Axis, stands: &Position) -> f64 {
     let Some(spec) = plan.machine.axes.get(&axis) else { return 0.0 };
     let lever = lever_mm(plan, chain, axis, stands);
@@ -31,11 +31,11 @@ pub(super) fn feed_at_most(plan: &Plan, chain: &Chain, axis: Axis, stands: &Posi
     let stops = stopping_speed(a, plan.probe.overtravel_mm);
     let surface = stops.min(plan.probe.guarded_feed_mm_min / 60.0);
     let turn = axis.to_edge(surface / lever) * 60.0;
-    // Nothing stands off the axis: there is no surface that moves.
+    // No body is off the axis, so no surface moves.
     if turn.is_finite() { turn.min(spec.rapid_per_min) } else { spec.rapid_per_min }
 }
 
-/// The farthest that anything declared which the axis carries reaches from its line, mm.
+/// Maximum distance of any declared body that the axis carries from its line, mm.
 fn lever_mm(plan: &Plan, chain: &Chain, axis: Axis, stands: &Position) -> f64 {
     let Some(line) = chain.axis_line(axis, stands) else { return 0.0 };
     let commands = Axis::ALL.map(|axis| stands.at(axis));

@@ -1,4 +1,4 @@
-//! What can go wrong at a CAN interface, and what a person should do next.
+//! Errors of a CAN interface, and what the operator should do next.
 
 use std::io;
 
@@ -34,7 +34,7 @@ fn named(there: &[String]) -> String {
 }
 
 impl CanError {
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
             Self::NoKernel { .. } => "load the modules as root, `modprobe can can_raw` and that of the \
@@ -69,7 +69,7 @@ impl CanError {
         }
     }
 
-    /// Why `interface` was not opened: the kernel's answer alone says little.
+    /// Finds the reason why `interface` was not opened: the kernel's error alone is too general.
     pub(super) fn of_opening(interface: &str, source: io::Error) -> Self {
         let (interface, there) = (interface.to_owned(), interfaces::all());
         if there.contains(&interface) {

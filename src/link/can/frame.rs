@@ -14,7 +14,7 @@ const MOST_EXTENDED: u32 = 0x1FFF_FFFF;
 
 impl Id {
     /// # Errors
-    /// Too large, in words.
+    /// The identifier is too large; as a message.
     pub fn new(raw: u32, extended: bool) -> Result<Self, String> {
         if extended && raw > MOST_EXTENDED {
             return Err(format!("{raw:#x} is too large; 29 bits go to {MOST_EXTENDED:#x}"));
@@ -37,7 +37,7 @@ impl Id {
     }
 }
 
-/// As can-utils write it: three or eight hexadecimal digits.
+/// Same format as can-utils: three or eight hexadecimal digits.
 impl fmt::Display for Id {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let digits = if self.extended { 8 } else { 3 };
@@ -49,7 +49,7 @@ pub(super) const MOST_BYTES: usize = 8;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Frame {
-    /// When it was received, s.
+    /// Time of reception, s.
     pub t_s: f64,
     pub id: Id,
     bytes: [u8; MOST_BYTES],
@@ -57,7 +57,7 @@ pub struct Frame {
 }
 
 impl Frame {
-    /// Of what is longer than a frame, the first 8 bytes.
+    /// Keeps the first 8 bytes if `data` is longer than a frame.
     pub fn new(t_s: f64, id: Id, data: &[u8]) -> Self {
         let length = data.len().min(MOST_BYTES);
         let mut bytes = [0; MOST_BYTES];

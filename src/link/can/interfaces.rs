@@ -1,4 +1,4 @@
-//! What the system says of its network interfaces.
+//! The kernel's data about its network interfaces.
 
 use std::fs;
 use std::path::PathBuf;
@@ -13,7 +13,7 @@ fn of(interface: &str, attribute: &str) -> Option<String> {
     Some(fs::read_to_string(at).ok()?.trim().to_owned())
 }
 
-/// The CAN interfaces, by name.
+/// Names of the CAN interfaces, sorted.
 pub(super) fn all() -> Vec<String> {
     let entries = fs::read_dir("/sys/class/net").into_iter().flatten().flatten();
     let names = entries.filter_map(|entry| entry.file_name().into_string().ok());

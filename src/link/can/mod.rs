@@ -1,5 +1,5 @@
-//! CAN frames: an interface of the kernel (SocketCAN), or frames on demand in memory. One identifier is
-//! listened to.
+//! CAN frames of one identifier, either from an interface of the kernel (SocketCAN) or generated in memory on
+//! demand.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -26,24 +26,24 @@ pub use error::CanError;
 pub use frame::{Frame, Id};
 pub use outlet::Outlet;
 
-/// Frames that may wait for their reader: some seconds of the fastest sensor.
+/// Maximum number of frames in the queue to the reader: some seconds of the fastest sensor.
 const WAITING_FRAMES: usize = 4096;
 
-/// What comes from the bus.
+/// One event from the bus.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Heard {
     Frame(Frame),
-    /// The interface is down or gone, in words. It is opened again once it is up.
+    /// The interface is down or gone, with the reason. The driver opens the interface again once it is up.
     Down(String),
-    /// It is up again; what was sent meanwhile is lost.
+    /// The interface is up again; frames sent meanwhile are lost.
     Up,
-    /// The bus has errors, in words.
+    /// The bus has errors, with the description.
     Trouble(String),
-    /// The controller has left the bus, in words: nothing comes until it is restarted.
+    /// The controller is bus-off, with the description: it receives no frame until it is restarted.
     Off(String),
-    /// So many frames at least came while nobody took them, or while the controller could not.
+    /// At least this many frames were lost, because the queue was full or the controller could not receive them.
     Lost(u32),
-    /// Nothing of its own identifier has come for a while, and frames of this one do.
+    /// No frame of the own identifier has arrived for some time, but frames of this identifier do.
     Other(Id),
 }
 
@@ -54,28 +54,28 @@ enum Source {
     OnDemand(OnDemand),
 }
 
-/// The handle: what comes, in its order.
+/// Handle of one CAN source: delivers the events in order.
 pub struct Can {
     name: String,
     source: Source,
 }
 
 impl Can {
-    /// Listen to `id` on `interface`. Frames have the time of `clock` at which the kernel received
-    /// them.
+    /// Opens `interface` and receives frames of `id`. The time of a frame is the time of `clock` at which the
+    /// kernel received it.
     ///
     /// # Errors
-    /// A kernel without CAN, no such interface.
+    /// The kernel has no CAN, or the interface does not exist.
     pub fn open(interface: &str, id: Id, clock: Arc<dyn Clock>) -> Result<Self, CanError> {
         Ok(Self::over(interface, owner::start(interface, id, clock)?))
     }
 
-    /// What somebody hears on a bus.
+    /// Wraps the events that another task receives from a bus.
     pub fn over(name: impl Into<String>, heard: mpsc::Receiver<Heard>) -> Self {
         Self { name: name.into(), source: Source::Listening(heard) }
     }
 
-    /// Frames that are made when they are asked for; `None`: silence.
+    /// Source whose frames are generated when the caller reads; `None` means that no frame is available.
     pub fn on_demand(
         name: impl Into<String>,
         source: impl FnMut() -> Option<Frame> + Send + 'static,
@@ -87,19 +87,19 @@ impl Can {
         &self.name
     }
 
-    /// Nothing comes unasked.
+    /// Whether frames are generated only when the caller reads.
     pub fn is_on_demand(&self) -> bool {
         matches!(self.source, Source::OnDemand(_))
     }
 
-    /// What comes next, or `None` when `wait` has passed without anything.
+    /// Next event, or `None` after `wait` without an event.
     ///
     /// # Errors
-    /// The thread that listens has ended.
+    /// The receiving thread has ended.
     pub async fn next(&mut self, wait: Duration) -> Result<Option<Heard>, CanError> {
         match &mut self.source {
             Source::OnDemand(source) => Ok(source().map(Heard::Frame)),
-            // What is dropped here waits on a channel, not on the device.
+            // The dropped future waits on a channel, not on the device.
             Source::Listening(heard) => match timeout_at(Instant::now() + wait, heard.recv()).await
             {
                 Err(_) => Ok(None),
@@ -109,10 +109,10 @@ impl Can {
         }
     }
 
-    /// What has come already, without waiting.
+    /// Next event that is already in the queue, without waiting.
     ///
     /// # Errors
-    /// The thread that listens has ended.
+    /// The receiving thread has ended.
     pub fn waiting(&mut self) -> Result<Option<Heard>, CanError> {
         let Source::Listening(heard) = &mut self.source else { return Ok(None) };
         match heard.try_recv() {

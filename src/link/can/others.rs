@@ -1,34 +1,35 @@
-//! Who else speaks on the bus, while nothing of one's own identifier comes: a wrong identifier looks like
-//! a sensor that says nothing.
+//! Detects other identifiers on the bus while no frame of the own identifier arrives. Without this check, a wrong
+//! identifier cannot be distinguished from a silent sensor.
 
 use std::time::{Duration, Instant};
 
 use super::Id;
 
-/// So long nothing of its own came before others are listened to; and so long they are.
+/// Silence of the own identifier after which the socket accepts other identifiers, and the time for which it does
+/// so.
 const SILENCE: Duration = Duration::from_millis(300);
 const LISTEN: Duration = Duration::from_secs(1);
-/// So many are told.
+/// Maximum number of reported identifiers.
 const MOST: usize = 8;
 
-/// Whether others are listened to.
+/// Which identifiers the socket accepts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Ears {
-    /// For its own frames alone.
+    /// Only the own identifier.
     Own,
     All,
-    /// Others were listened to since the last of its own.
+    /// Other identifiers have been accepted since the last own frame.
     Heard,
 }
 
 pub(super) struct Others {
     ears: Ears,
-    /// Of the last own frame, or when others began to be listened to.
+    /// Time of the last own frame, or the time at which the socket began to accept other identifiers.
     since: Instant,
     told: Vec<Id>,
 }
 
-/// What the socket is to let through from now on.
+/// Filter that the socket must use from now on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Turn {
     All,
@@ -40,14 +41,14 @@ impl Others {
         Self { ears: Ears::Own, since: now, told: Vec::new() }
     }
 
-    /// A frame of its own came.
+    /// Records a frame of the own identifier.
     pub fn own(&mut self, now: Instant) -> Option<Turn> {
         let was = self.ears;
         *self = Self::new(now);
         (was == Ears::All).then_some(Turn::Own)
     }
 
-    /// Time has passed.
+    /// Returns the filter that must be set because of the elapsed time; `None` if it stays.
     pub fn passed(&mut self, now: Instant) -> Option<Turn> {
         match self.ears {
             Ears::Own if now - self.since >= SILENCE => {
@@ -62,7 +63,7 @@ impl Others {
         }
     }
 
-    /// Another's frame came; is it worth telling?
+    /// Records a frame of another identifier. Returns whether it must be reported.
     pub fn is_news(&mut self, id: Id) -> bool {
         let news = self.ears == Ears::All && self.told.len() < MOST && !self.told.contains(&id);
         if news {
@@ -92,7 +93,7 @@ mod tests {
         assert_eq!(others.own(at(9000)), None);
         assert_eq!(others.passed(at(9300)), Some(Turn::All));
         assert_eq!(others.own(at(9301)), Some(Turn::Own), "at once");
-        // A busy bus is not read for longer than it takes.
+        // On a busy bus, the socket accepts other identifiers only until enough are found.
         assert_eq!(others.passed(at(9601)), Some(Turn::All));
         assert_eq!((0..20).filter(|raw| others.is_news(id(*raw))).count(), MOST);
         assert_eq!(others.passed(at(9602)), Some(Turn::Own));

@@ -1,4 +1,4 @@
-//! Frames out, for whoever plays a device.
+//! Sender of frames, for code that simulates a device.
 
 use socketcan::{CanDataFrame, CanSocket, EmbeddedFrame, Socket};
 
@@ -13,12 +13,12 @@ pub struct Outlet {
 
 impl Outlet {
     /// # Errors
-    /// A kernel without CAN, no such interface.
+    /// The kernel has no CAN, or the interface does not exist.
     pub fn open(interface: &str) -> Result<Self, CanError> {
         Ok(Self { interface: interface.to_owned(), socket: socket(interface)? })
     }
 
-    /// Waits while the interface's queue is full.
+    /// Sends one frame; waits while the interface's queue is full.
     ///
     /// # Errors
     /// The interface is down or gone.

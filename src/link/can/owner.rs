@@ -1,4 +1,4 @@
-//! The thread that owns a socket of the kernel's: whatever computes elsewhere, frames are taken.
+//! Thread that owns a CAN socket. It reads frames without delay, whatever other threads compute.
 
 use std::io;
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use super::trouble::Trouble;
 use super::{CanError, Frame, Heard, Id, WAITING_FRAMES, interfaces};
 use crate::Clock;
 
-/// Open it, and start the thread.
+/// Opens the socket and starts the thread.
 pub(super) fn start(
     interface: &str,
     id: Id,
@@ -38,7 +38,7 @@ struct Owner {
     id: Id,
     stamps: Stamps,
     heard: mpsc::Sender<Heard>,
-    /// Frames since the last one that had room.
+    /// Frames lost since the last frame that fitted into the queue.
     lost: u32,
 }
 
@@ -59,7 +59,7 @@ impl Owner {
         }
     }
 
-    /// Until the interface fails, or the handle is gone (`None`).
+    /// Reads until the interface fails, or until the handle is dropped (`None`).
     fn listen(&mut self, socket: &CanSocket) -> Option<io::Error> {
         let mut others = Others::new(Instant::now());
         while !self.heard.is_closed() {
@@ -72,7 +72,8 @@ impl Owner {
                             self.pass_on(Frame::new(t_s, id, frame.data()));
                             turn = others.own(Instant::now()).or(turn);
                         }
-                        // The filter was set a moment after the socket was there.
+                        // Frames of other identifiers can arrive before the filter is set, a moment after the
+                        // socket is opened.
                         Some(id) if others.is_news(id) => self.tell(Heard::Other(id)),
                         _ => {}
                     }
@@ -99,13 +100,13 @@ impl Owner {
         match trouble {
             Trouble::Errors(why) => self.tell(Heard::Trouble(why)),
             Trouble::Off(why) => self.turn(Heard::Off(why)),
-            // At least one; nobody knows how many.
+            // At least one frame is lost; the number is unknown.
             Trouble::Missed => self.lost = self.lost.saturating_add(1),
             Trouble::None => {}
         }
     }
 
-    /// Once the interface is up again; `None`: the handle is gone.
+    /// Waits until the interface is up again, and opens it; `None` if the handle is dropped.
     fn again(&self) -> Option<CanSocket> {
         while !self.heard.is_closed() {
             if interfaces::is_up(&self.interface)
@@ -118,7 +119,7 @@ impl Owner {
         None
     }
 
-    /// What no reader takes is counted, not kept.
+    /// Puts a frame into the queue; counts the frame as lost if the queue is full.
     fn pass_on(&mut self, frame: Frame) {
         if self.lost > 0 && self.heard.try_send(Heard::Lost(self.lost)).is_ok() {
             self.lost = 0;
@@ -129,17 +130,17 @@ impl Owner {
         }
     }
 
-    /// That nothing can come is told whatever happens, behind the frames that came before it: no frame
-    /// comes meanwhile that could be missed.
+    /// Sends a change of state, and waits for room in the queue, behind the frames that arrived before. No frame
+    /// can be missed meanwhile, because the interface delivers none.
     fn turn(&mut self, heard: Heard) {
         if self.lost > 0 && self.heard.blocking_send(Heard::Lost(self.lost)).is_ok() {
             self.lost = 0;
         }
-        // Nobody is there any more: `run` sees it.
+        // The receiver is dropped: `run` detects it.
         let _ = self.heard.blocking_send(heard);
     }
 
-    /// What is neither frame nor state may be told too late, but not instead of a frame.
+    /// Sends a report that is neither frame nor state. It may be dropped, but it must not displace a frame.
     fn tell(&self, heard: Heard) {
         if self.heard.capacity() > WAITING_FRAMES / 2 {
             let _ = self.heard.try_send(heard);
@@ -160,7 +161,7 @@ mod tests {
         (Owner { interface, id, stamps, heard, lost: 0 }, receiver)
     }
 
-    /// A reader that looks elsewhere for so long that its queue is full still learns of it.
+    /// A reader that lets its queue overflow still receives the change of state.
     #[test]
     fn an_interface_that_goes_down_is_told_behind_a_full_queue() {
         let (mut owner, mut receiver) = owner();
@@ -179,7 +180,7 @@ mod tests {
         told.join().unwrap();
     }
 
-    /// A controller that was restarted has missed frames: what comes then says so first.
+    /// A restarted controller has missed frames: the loss is reported before the next frame.
     #[test]
     fn a_restart_and_an_overflow_are_told_before_the_next_frame() {
         let (mut owner, mut receiver) = owner();

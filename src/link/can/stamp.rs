@@ -1,5 +1,5 @@
-//! The kernel stamps frames with the host's real time, which somebody may set; samples have monotonic
-//! time. What is exact is a frame's age at the moment when it is taken from the kernel.
+//! Conversion of the kernel's time stamps. The kernel stamps frames with the host's real-time clock, which may be
+//! set at any time; samples have monotonic time. The age of a frame at the moment of reading is exact in both.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -11,8 +11,7 @@ pub(super) struct Stamps {
     last_s: f64,
 }
 
-/// A frame does not lie longer in the kernel; what looks older was stamped before somebody set the
-/// real-time clock.
+/// Maximum age of a frame in the kernel's buffer, s. An older stamp dates from before the real-time clock was set.
 const OLDEST_S: f64 = 60.0;
 
 impl Stamps {
@@ -20,7 +19,7 @@ impl Stamps {
         Self { clock, last_s: f64::NEG_INFINITY }
     }
 
-    /// Monotonic time of a frame that the kernel stamped so, and that is taken now. Never goes back.
+    /// Monotonic time, s, of a frame that has the stamp `stamp` and is read now. Never decreases.
     pub(super) fn time_s(&mut self, stamp: Option<SystemTime>) -> f64 {
         let (now, now_s) = (SystemTime::now(), self.clock.now_s());
         let age = stamp.and_then(|stamp| now.duration_since(stamp).ok());

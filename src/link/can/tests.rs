@@ -19,7 +19,7 @@ fn a_frame_keeps_eight_bytes_at_most() {
     assert_eq!(Frame::new(0.0, id, &[9; 12]).data(), [9; 8]);
 }
 
-/// With CAN in the kernel or without: an interface that is not there is refused, and what is said fits.
+/// With or without CAN in the kernel, a missing interface is refused with a fitting message.
 #[test]
 fn an_interface_that_is_not_there_is_refused_with_a_remedy() {
     let id = Id::new(1, false).unwrap();

@@ -1,22 +1,22 @@
-//! What an error frame of the CAN controller's means for whoever waits for frames.
+//! Meaning of a CAN controller's error frame for a receiver of frames.
 
 use socketcan::CanError;
 use socketcan::errors::{ControllerProblems, ErrorCause};
 
-/// One error frame.
+/// Class of one error frame.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) enum Trouble {
-    /// Bits that nobody understands. Who has sent them sends them again.
+    /// Bits that no node can decode. The sender sends the frame again.
     Errors(String),
-    /// The controller has left the bus: it hears nothing until it is restarted.
+    /// The controller is bus-off: it receives nothing until it is restarted.
     Off(String),
-    /// Frames came that the controller could not take.
+    /// The controller lost frames.
     Missed,
-    /// What is of no concern to a listener, or good news.
+    /// The error frame does not affect a receiver, or reports a recovery.
     None,
 }
 
-/// What a controller says when all is well again.
+/// State that a controller reports after recovery: error-active.
 const WELL: ControllerProblems = ControllerProblems::ACTIVE;
 
 impl From<CanError> for Trouble {
@@ -49,7 +49,7 @@ mod tests {
 
     use super::*;
 
-    /// Bits and bytes as the kernel's `can/error.h` has them.
+    /// Makes an error frame; bits and bytes as in the kernel's `can/error.h`.
     fn of(class: u32, data: &[u8]) -> Trouble {
         CanErrorFrame::new_error(class, data).unwrap().into_error().into()
     }
@@ -65,7 +65,7 @@ mod tests {
         assert_eq!(of(0x40, &[]), Trouble::Off("bus off".to_owned()));
         assert_eq!(of(0x100, &[]), Trouble::Missed);
         assert_eq!(of(0x04, &[0, 0x01]), Trouble::Missed, "receive buffer overflow");
-        // Back to error-active, counters alone, arbitration that was lost: nothing is wrong.
+        // Return to error-active, counters alone, lost arbitration: no fault.
         assert_eq!(of(0x04, &[0, 0x40]), Trouble::None);
         assert_eq!(of(0x200, &[0, 0, 0, 0, 0, 0, 3, 4]), Trouble::None);
         assert_eq!(of(0x02, &[5]), Trouble::None);

@@ -1,9 +1,9 @@
-//! Which registers may be read and written at all.
+//! Registers that may be read or written.
 
 use super::ask::{Ask, MOST_BITS, MOST_READ, MOST_WRITTEN};
 use super::{ModbusError, Space};
 
-/// Registers `first` to `last`, both included.
+/// Registers `first` to `last`, both inclusive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Range {
     pub space: Space,
@@ -11,11 +11,11 @@ pub struct Range {
     pub last: u16,
 }
 
-/// The list. What may be written may also be read, for a write is read back.
+/// Access list. A writable register is also readable, because each write is read back.
 #[derive(Debug, Clone, Default)]
 pub struct Allowed {
     pub read: Vec<Range>,
-    /// Of the holding registers; another space is never written.
+    /// Ranges of holding registers; other spaces are never written.
     pub write: Vec<Range>,
 }
 
@@ -52,12 +52,12 @@ impl Allowed {
         refused("they do not lie in one range of the list of what may be reached".to_owned())
     }
 
-    /// What may be read, a few registers at a time.
+    /// Read requests for the readable registers, each of a few registers.
     pub(super) fn small_reads(&self) -> impl Iterator<Item = Ask> + '_ {
         let readable = self.read.iter().chain(&self.write);
         readable.flat_map(|range| {
             let Range { space, first, last } = *range;
-            // Bits come by the byte: one count a byte makes a shape.
+            // Bits are transferred in whole bytes, so only one count per byte gives a distinct reply length.
             let step = if matches!(space, Space::Coil | Space::Discrete) { 8 } else { 1 };
             let most = last.saturating_sub(first).saturating_add(1);
             (0..8)

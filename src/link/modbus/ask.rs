@@ -1,4 +1,4 @@
-//! One request: what goes out, and which reply fits it.
+//! One request: its PDU, and the check of its reply.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -7,7 +7,7 @@ use tokio_modbus::{Request, Response};
 
 use super::Space;
 
-/// A PDU holds 253 bytes; of these a read's reply spends 2, a write's request 6.
+/// Maximum counts per request. A PDU holds 253 bytes; a read reply uses 2 of them, a write request 6.
 pub(super) const MOST_READ: u16 = 125;
 pub(super) const MOST_WRITTEN: u16 = 123;
 pub(super) const MOST_BITS: u16 = 2000;
@@ -18,18 +18,18 @@ pub(super) enum Ask {
     Write { address: u16, words: Vec<u16> },
 }
 
-/// All that an RTU reply shows of its request. Two requests of different shapes cannot be mistaken
-/// for each other.
+/// Everything in an RTU reply that depends on its request. Replies to requests of different shapes cannot be
+/// confused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Shape {
     pub(super) unit: u8,
     function: u8,
-    /// Bytes of a read; 0 of a write, though its reply shows more.
+    /// Byte count of a read reply; 0 for a write, although its reply has more.
     bytes: u16,
 }
 
 impl Shape {
-    /// An exception shows the function alone.
+    /// Whether unit and function agree. An exception reply contains nothing else.
     pub(super) fn has_function_of(self, other: Self) -> bool {
         (self.unit, self.function) == (other.unit, other.function)
     }
@@ -63,8 +63,8 @@ impl Ask {
         Shape { unit, function, bytes }
     }
 
-    /// The words of a reply that fits: as many as were asked for; of a write, the echo of address and
-    /// count. tokio-modbus compares unit, transaction and function.
+    /// Register values of a reply. Checks that the reply has the requested count; for a write, that it echoes
+    /// address and count. tokio-modbus compares unit, transaction and function.
     pub(super) fn words(&self, reply: Response) -> Result<Vec<u16>, String> {
         let counted = |came: usize, asked: usize| {
             if came == asked {
@@ -82,7 +82,7 @@ impl Ask {
                 Response::ReadCoils(bits) | Response::ReadDiscreteInputs(bits),
             ) => {
                 let count = usize::from(*count);
-                // They come as whole bytes.
+                // Bits arrive in whole bytes.
                 counted(bits.len(), count.next_multiple_of(8))?;
                 Ok(bits.into_iter().take(count).map(u16::from).collect())
             }

@@ -1,4 +1,4 @@
-//! Where a device is and how it is spoken to, as a file says it.
+//! Address and settings of a Modbus device, as written in a file.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -6,14 +6,14 @@ use std::time::Duration;
 use super::line::{Framing, Line, Parity};
 use crate::{HostPort, Named};
 
-/// Baud rate as the Modbus serial line specification has it by default; the parity is in [`Line`].
+/// Default baud rate of the Modbus serial line specification; the default parity is in [`Line`].
 const USUAL_BAUD: u32 = 19_200;
-/// Where nobody forwards, a TCP device answers this one.
+/// Default unit identifier of a TCP device without a gateway.
 const USUAL_TCP_UNIT: u8 = 255;
 const USUAL_RTU_UNIT: u8 = 1;
 
-/// The keys of a device. Each table that has one lists them among its own: serde's `flatten` would lose
-/// the place of a mistake and the keys that would have been right.
+/// Keys of a device. Each table that contains a device lists these keys itself: with serde's `flatten`, an error
+/// would lose its position and the list of known keys.
 pub struct DeviceKeys {
     pub serial: Option<PathBuf>,
     pub serial_id: Option<String>,
@@ -28,14 +28,14 @@ pub struct DeviceKeys {
 #[derive(Debug, Clone)]
 pub struct Device {
     pub line: Line,
-    /// RTU 1 to 247; TCP 255 unless a gateway forwards by it.
+    /// Unit identifier: RTU 1 to 247; TCP 255 unless a gateway forwards by it.
     pub unit: u8,
-    /// How long an answer may take.
+    /// Maximum time until the reply.
     pub timeout: Duration,
 }
 
 impl Device {
-    /// With its speed and its unit.
+    /// Description with baud rate and unit identifier.
     pub fn in_full(&self) -> String {
         format!("{}, unit {}", self.line.at.in_full(), self.unit)
     }
@@ -45,7 +45,7 @@ impl TryFrom<DeviceKeys> for Device {
     type Error = String;
 
     /// # Errors
-    /// What does not go together or lies outside its bounds, in words.
+    /// Keys that exclude each other, or a value out of range; as a message.
     fn try_from(keys: DeviceKeys) -> Result<Self, String> {
         let at = Named::of((keys.serial, keys.serial_id, keys.tcp), keys.baud, USUAL_BAUD)?;
         let line = Line::spoken(at, keys.framing, keys.parity)?;

@@ -1,4 +1,4 @@
-//! What can go wrong with a request.
+//! Errors of a request.
 
 use std::time::Duration;
 
@@ -6,7 +6,7 @@ use crate::LinkError;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ModbusError {
-    /// Not opened, or not opened again: the request was not sent.
+    /// The connection could not be opened or reopened: the request was not sent.
     #[error(transparent)]
     Link(#[from] LinkError),
     #[error("{request}: the device refuses function {function} with exception {code} ({})", meaning(*code))]
@@ -17,7 +17,7 @@ pub enum ModbusError {
     Misfit { request: String, why: String },
     #[error("{request}: the connection was lost: {why}")]
     Lost { request: String, why: String },
-    /// Replies that are owed were waited for in vain: the request was not sent.
+    /// The late replies of earlier requests did not arrive: the request was not sent.
     #[error("{request} was not sent: the line could not be cleared of what came late ({why})")]
     Unclear { request: String, why: String },
     #[error("{request} is not allowed: {why}")]
@@ -32,7 +32,7 @@ pub enum ModbusError {
     Ended { link: String },
 }
 
-/// The names of the exception codes, as the Modbus application protocol has them.
+/// Names of the exception codes, from the Modbus application protocol.
 fn meaning(code: u8) -> &'static str {
     match code {
         1 => "illegal function",
@@ -49,8 +49,8 @@ fn meaning(code: u8) -> &'static str {
 }
 
 impl ModbusError {
-    /// Whether a write may have reached the device all the same. It is not repeated before the device
-    /// has told what it counts.
+    /// Whether a write may have reached the device in spite of the error. The caller must not repeat it before
+    /// reading the device's counter.
     pub fn may_have_arrived(&self) -> bool {
         match self {
             Self::Late { .. }
@@ -67,7 +67,7 @@ impl ModbusError {
         }
     }
 
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(&self) -> String {
         let text = match self {
             Self::Link(error) => return error.remedy(),

@@ -1,4 +1,4 @@
-//! One request and its reply, and what has to happen before the next one.
+//! One request and its reply, and the clearing of the line before the next request.
 
 use std::time::Duration;
 
@@ -12,24 +12,24 @@ use super::wire::Wire;
 use super::{Framing, Line, ModbusError, Settings};
 use crate::wiring::Wired;
 
-/// How long a hold waits for a reply under way over TCP.
+/// Maximum time for which a hold waits for a pending TCP reply.
 const GRACE: Duration = Duration::from_millis(20);
-/// How often the line is asked whether it is clear, before one request.
+/// Maximum number of test reads that check whether the line is clear, before one request.
 const CLEARINGS: usize = 3;
 
-/// The connection, and what it still owes.
+/// The connection, and the replies that it still owes.
 pub(super) struct Exchange {
     line: Line,
     wired: Wired,
     wire: Option<Wire>,
-    /// Over TCP it lives as long as the connection, for its transaction numbers.
+    /// Over TCP, the context lives as long as the connection, because it holds the transaction numbers.
     context: Option<Context>,
-    /// Replies that may still come (RTU).
+    /// Requests whose replies may still arrive (RTU).
     owed: Vec<Shape>,
     latest: Option<Shape>,
 }
 
-/// How one call ended.
+/// Result of one call.
 enum End {
     Replied(tokio_modbus::Result<Response>),
     Late(Duration),
@@ -41,13 +41,13 @@ impl Exchange {
     }
 
     /// # Errors
-    /// What opening says.
+    /// The connection cannot be opened.
     pub(super) async fn open(&mut self) -> Result<(), ModbusError> {
         self.wire = Some(self.line.open(&self.wired).await?);
         Ok(())
     }
 
-    /// Send `ask` once, on a line that owes nothing, and return the words of its reply.
+    /// Clears the line, sends `ask` once, and returns the register values of the reply.
     pub(super) async fn perform(
         &mut self,
         ask: &Ask,
@@ -59,15 +59,15 @@ impl Exchange {
         self.send(ask, settings, inbox).await
     }
 
-    /// As `perform`, without asking first whether the line owes something: a hold does not wait.
+    /// Like `perform`, without clearing the line first: a hold does not wait.
     pub(super) async fn perform_now(&mut self, ask: &Ask, settings: &Settings, inbox: &mut Inbox) {
-        // Whether it arrived shows at the device alone.
+        // Only the device can show whether the write has arrived.
         if self.quieten().await.is_ok() {
             let _ = self.send(ask, settings, inbox).await;
         }
     }
 
-    /// Open the connection if need be, and let the line fall silent.
+    /// Opens the connection if necessary, and waits until the line is silent.
     async fn quieten(&mut self) -> Result<(), ModbusError> {
         if let Some(wire) = &mut self.wire {
             let drained = match self.line.framing {
@@ -77,17 +77,17 @@ impl Exchange {
             match (drained, self.line.framing) {
                 (Ok(0), _) => return Ok(()),
                 (Ok(_), Framing::Rtu) => {
-                    // Somebody spoke unasked: perhaps the last reply came twice.
+                    // Bytes arrived without a request: perhaps the last reply was sent twice.
                     self.owed.extend(self.latest);
                     return Ok(());
                 }
-                // An idle connection was closed, or something came on it unasked.
+                // The idle connection was closed, or bytes arrived without a request.
                 _ => self.close(),
             }
         }
         self.open().await?;
         if let (Some(wire), Framing::Rtu) = (&mut self.wire, self.line.framing) {
-            // What the port held from before.
+            // Drops bytes that the port held before it was opened.
             let _ = wire.drain(self.line.silence()).await;
         }
         Ok(())
@@ -98,7 +98,7 @@ impl Exchange {
         self.wire = None;
     }
 
-    /// A read whose reply nothing that is owed can be taken for.
+    /// A read whose reply cannot be confused with any reply that is owed.
     fn probe(&self, settings: &Settings) -> Option<Ask> {
         let mut probes = settings.allowed.small_reads();
         probes.find(|probe| !self.owed.contains(&probe.shape(settings.unit)))
@@ -112,7 +112,7 @@ impl Exchange {
         self.owed.retain(|owed| owed.unit != unit);
     }
 
-    /// RTU: a reply of a shape that is not owed proves that all owed ones of its unit are gone.
+    /// RTU: sends a read of a shape that is not owed. Its reply proves that no owed reply of this unit can follow.
     async fn clear(
         &mut self,
         ask: &Ask,
@@ -151,7 +151,8 @@ impl Exchange {
         Err(ModbusError::Unclear { request: ask.to_string(), why })
     }
 
-    /// Nothing tells the owed replies apart: a long quiet has to do, unless a hold wants to go out.
+    /// Waits for a long silence, because no test read can distinguish the owed replies. An urgent write ends the
+    /// wait.
     async fn wait_out(&mut self, settings: &Settings, inbox: &mut Inbox) {
         self.wire.iter().for_each(Wire::hush);
         self.wait_quietly(settings.timeout, inbox).await;
@@ -160,7 +161,7 @@ impl Exchange {
         }
     }
 
-    /// One question of `clear`; what went wrong with it, if it did.
+    /// Sends one test read of `clear`; returns its error, if any.
     async fn ask_whether_clear(
         &mut self,
         probe: &Ask,
@@ -174,7 +175,7 @@ impl Exchange {
             Ok(_) | Err(ModbusError::Refused { .. }) => self.forget_owed_by(settings.unit),
             Err(error) => {
                 if matches!(error, ModbusError::Misfit { .. }) {
-                    // That was an old one; its own may be on its way.
+                    // The reply belongs to an older request; the reply to the test read may still arrive.
                     self.wait_quietly(settings.timeout, inbox).await;
                 }
                 return Some(error);
@@ -183,10 +184,10 @@ impl Exchange {
         None
     }
 
-    /// Throw away what comes until nothing has come for `silence`, or a hold wants to go out.
+    /// Drops incoming bytes until `silence` has passed without a byte, or until an urgent write is queued.
     async fn wait_quietly(&mut self, silence: Duration, inbox: &mut Inbox) {
         let Some(wire) = &mut self.wire else { return };
-        // Both can be given up without harm: what was read is thrown away in any case.
+        // Both futures can be dropped: the bytes read are discarded in any case.
         let ended = tokio::select! {
             biased;
             () = inbox.come() => return,
@@ -245,7 +246,7 @@ impl Exchange {
         let unit = Slave(settings.unit);
         let framing = self.line.framing;
         let context = match framing {
-            // Each request gets a decoder that has seen nothing else.
+            // Each request gets a new decoder, without bytes of earlier requests.
             Framing::Rtu => self.context.insert(rtu::attach_slave(wire.clone(), unit)),
             Framing::Tcp => {
                 self.context.get_or_insert_with(|| tcp::attach_slave(wire.clone(), unit))
@@ -255,7 +256,7 @@ impl Exchange {
             inbox.come().await;
             sleep(GRACE).await;
         };
-        // A call that is given up here takes its context with it.
+        // Dropping a call here drops its context too.
         tokio::select! {
             biased;
             replied = timeout(settings.timeout, context.call(ask.request())) => {
@@ -265,7 +266,8 @@ impl Exchange {
         }
     }
 
-    /// tokio-modbus says of a closed stream what the system happened to say last.
+    /// Reason for the lost connection. tokio-modbus reports a closed stream by the last error of the operating
+    /// system.
     async fn why_lost(&mut self, error: std::io::Error) -> String {
         let Some(wire) = &mut self.wire else { return error.to_string() };
         match wire.skim().await {

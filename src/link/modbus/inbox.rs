@@ -1,4 +1,4 @@
-//! The urgent writes that wait to go out.
+//! Queue of urgent writes.
 
 use std::collections::VecDeque;
 
@@ -6,7 +6,7 @@ use tokio::sync::mpsc;
 
 use super::Ahead;
 
-/// Urgent writes: they are seen while a request is under way.
+/// Queue of urgent writes, which can be checked during a request.
 pub(super) struct Inbox {
     queue: mpsc::UnboundedReceiver<Ahead>,
     waiting: VecDeque<Ahead>,
@@ -17,7 +17,7 @@ impl Inbox {
         Self { queue, waiting: VecDeque::new() }
     }
 
-    /// Wait until one is there. Can be given up without harm.
+    /// Waits until an urgent write is queued. Cancel safe.
     pub(super) async fn come(&mut self) {
         if self.has_come() {
             return;
@@ -35,7 +35,7 @@ impl Inbox {
         !self.waiting.is_empty()
     }
 
-    /// The oldest that has come.
+    /// Removes the oldest urgent write.
     pub(super) fn pop(&mut self) -> Option<Ahead> {
         self.waiting.pop_front()
     }

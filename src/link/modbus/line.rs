@@ -1,4 +1,4 @@
-//! Where a device is, and how its line is set.
+//! Address and serial settings of a Modbus line.
 
 use std::fmt;
 use std::time::Duration;
@@ -11,11 +11,11 @@ use crate::capture::Speech;
 use crate::wiring::Wired;
 use crate::{Address, LinkError, Named};
 
-/// How requests are framed.
+/// Framing of the requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Framing {
-    /// With CRC and silences; over TCP as well, where a converter passes the bytes on.
+    /// With CRC and silent intervals; also over TCP, where a converter forwards the bytes.
     Rtu,
     /// With transaction numbers.
     Tcp,
@@ -30,7 +30,7 @@ pub enum Parity {
     Odd,
 }
 
-/// Eight data bits, one stop bit.
+/// Line with eight data bits and one stop bit.
 #[derive(Debug, Clone)]
 pub struct Line {
     pub at: Named,
@@ -38,24 +38,24 @@ pub struct Line {
     pub parity: Parity,
 }
 
-/// A frame ends with 3.5 characters of silence. A character counts as 11 bits, with its start, parity
-/// and stop bit; above 19200 baud the silence is a fixed 1.75 ms.
+/// Silence that ends a frame: 3.5 characters. A character counts as 11 bits, including start, parity and stop bit;
+/// above 19200 baud the silence is a fixed 1.75 ms.
 const SILENT_BITS: f64 = 3.5 * 11.0;
 const SHORTEST_SILENCE: Duration = Duration::from_micros(1750);
-/// On its way over a network a frame may come in parts.
+/// Silence that ends a frame over a network, where a frame may arrive in parts.
 const NETWORK_SILENCE: Duration = Duration::from_millis(20);
 
 impl Line {
-    /// RTU on a serial port, Modbus TCP over TCP, no parity.
+    /// Default settings: RTU on a serial port, Modbus TCP over TCP, no parity.
     pub fn usual(at: Named) -> Self {
         let framing = if matches!(at, Named::Tcp(_)) { Framing::Tcp } else { Framing::Rtu };
         Self { at, framing, parity: Parity::default() }
     }
 
-    /// With what a file says of it; parity is even unless it says so.
+    /// Settings from a file; the default parity of a serial line is even.
     ///
     /// # Errors
-    /// What does not go together, in words.
+    /// Keys that exclude each other; as a message.
     pub fn spoken(
         at: Named,
         framing: Option<Framing>,
@@ -76,7 +76,7 @@ impl Line {
         Ok(Self { framing, parity, ..usual })
     }
 
-    /// How long nothing may come for a frame to be over.
+    /// Silence that ends a frame.
     pub(super) fn silence(&self) -> Duration {
         match self.at {
             Named::Tcp(_) => NETWORK_SILENCE,
@@ -96,7 +96,7 @@ impl Line {
         }
     }
 
-    /// Open it on the runtime of the caller.
+    /// Opens the line on the caller's runtime.
     pub(super) async fn open(&self, wired: &Wired) -> Result<Wire, LinkError> {
         let name = self.to_string();
         let address = match self.at.address() {

@@ -1,26 +1,25 @@
-//! Modbus registers as a port, over RTU and TCP. One thread owns the connection; the handle is a
-//! channel, so that a dropped wait never drops a request half-way.
+//! Modbus registers as a port, over RTU and TCP. One thread owns the connection. The handle is a channel, so that a
+//! dropped future never interrupts a request.
 //!
-//! **The hazard.** An RTU reply does not say which request it answers. After a time-out the late reply
-//! waits in the line, and a client that asks again takes it for the answer to its next request; from
-//! then on every value is one request old. So, after *any* time-out or reply that does not fit:
-//! - The context that waited is dropped, with all that it had read.
-//! - TCP: the connection is closed and opened anew. A reply carries its transaction's number, and a
-//!   new connection has no old replies.
-//! - RTU: the line is kept quiet until nothing has come for the silence of 3.5 characters. Then, before
-//!   anything else, a read whose reply has another shape than all that are still owed: another function
-//!   or another count. A device answers in order; once *that* reply comes, no older one can follow.
+//! **The hazard.** An RTU reply does not identify its request. After a timeout, the late reply stays in the line,
+//! and a client that sends another request takes it for the new reply; from then on every value is one request old.
+//! Therefore, after *any* timeout or unexpected reply:
+//! - The context that waited is dropped, with all bytes that it has read.
+//! - TCP: the connection is closed and reopened. A reply contains its transaction number, and a new connection has
+//!   no old replies.
+//! - RTU: the link waits until the line has been silent for 3.5 characters. Then it first sends a read whose reply
+//!   has another shape than all replies that are still owed: another function or another count. A device answers in
+//!   order; after *that* reply, no older reply can follow.
 //!
-//! Handles of one RTU line may have units of their own. A reply shows its unit, so that a late one is never taken for
-//! that of another unit; the line is cleared before the next request to the unit that owes it.
+//! Handles of one RTU line may have different units. A reply contains its unit, so a late reply is never taken for
+//! a reply of another unit. The line is cleared before the next request to the unit that owes a reply.
 //!
-//! Before each RTU request the silence is kept as well, and whatever comes meanwhile (a reply sent
-//! twice) is thrown away. What remains: a reply that comes twice, the second time after the next
-//! request has gone out. Registers that count (a sequence, a heartbeat) must bind a value to its time.
+//! The link also keeps the silence before each RTU request, and drops bytes that arrive meanwhile (a reply sent
+//! twice). One risk remains: a duplicate reply that arrives after the next request was sent. Therefore registers
+//! that count (a sequence, a heartbeat) must tie a value to its time.
 //!
-//! A request is sent once. A write without an answer is never repeated by the link: whether it
-//! arrived is not known, and the caller decides by what the device counts
-//! ([`ModbusError::may_have_arrived`]).
+//! A request is sent once. The link never repeats a write without a reply: it is unknown whether the write has
+//! arrived, and the caller decides by the device's counter ([`ModbusError::may_have_arrived`]).
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -48,7 +47,7 @@ pub use line::{Framing, Line, Parity};
 
 use ask::Ask;
 
-/// The four address spaces of a device. A bit counts as a register that is 0 or 1.
+/// The four address spaces of a device. A bit counts as a register with the value 0 or 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Space {
@@ -58,17 +57,17 @@ pub enum Space {
     Discrete,
 }
 
-/// How a device is spoken to.
+/// Settings of a Modbus device.
 #[derive(Debug, Clone)]
 pub struct Settings {
     /// The unit identifier: RTU 1 to 247; TCP 255 unless a gateway forwards by it.
     pub unit: u8,
-    /// How long an answer may take.
+    /// Maximum time until the reply.
     pub timeout: Duration,
     pub allowed: Allowed,
 }
 
-/// The handle.
+/// Handle of a Modbus device.
 pub struct Modbus {
     name: String,
     settings: Arc<Settings>,
@@ -76,7 +75,7 @@ pub struct Modbus {
     urgent: mpsc::UnboundedSender<Ahead>,
 }
 
-/// Leads to an open line, and does not keep it open.
+/// Weak reference to an open line; does not keep the line open.
 pub(super) struct WeakModbus {
     name: String,
     jobs: mpsc::WeakUnboundedSender<Job>,
@@ -84,18 +83,18 @@ pub(super) struct WeakModbus {
 }
 
 impl WeakModbus {
-    /// One more handle, to the device of `settings`; `None` where the line is closed.
+    /// Returns one more handle, for the device of `settings`; `None` if the line is closed.
     pub(super) fn upgrade(&self, settings: Settings) -> Option<Modbus> {
         let (jobs, urgent) = (self.jobs.upgrade()?, self.urgent.upgrade()?);
         Some(Modbus { name: self.name.clone(), settings: Arc::new(settings), jobs, urgent })
     }
 }
 
-/// One write that goes ahead of everything that is queued, from any thread, without blocking: a hold.
+/// One write that overtakes all queued requests, for a hold. It can be sent from any thread, without blocking.
 ///
-/// It waits for the request that is under way: over TCP 20 ms at most (then that one's connection is
-/// given up), over RTU until its answer or its time-out, as two requests at once would spoil each
-/// other. It is sent once, and nobody is told how it ended: look at the device.
+/// The write waits for the pending request: over TCP 20 ms at most (then the connection of that request is
+/// dropped), over RTU until its reply or its timeout, because two requests at the same time would disturb each
+/// other. It is sent once, and its result is not reported: check the device.
 #[derive(Clone)]
 pub struct Urgent {
     ask: Ask,
@@ -105,9 +104,9 @@ pub struct Urgent {
 
 struct Job {
     ask: Ask,
-    /// Of the device that it is for.
+    /// Settings of the addressed device.
     settings: Arc<Settings>,
-    /// A write is read back.
+    /// Whether the write is read back.
     read_back: bool,
     answer: oneshot::Sender<Result<Vec<u16>, ModbusError>>,
 }
@@ -123,8 +122,8 @@ impl Urgent {
         self.queue(false);
     }
 
-    /// As `send`, and every other write that is queued or will be is refused
-    /// ([`ModbusError::Held`]); reads go on.
+    /// Like `send`; in addition, every other write, queued or later, is refused ([`ModbusError::Held`]). Reads
+    /// continue.
     pub fn send_and_close(&self) {
         self.queue(true);
     }
@@ -136,11 +135,10 @@ impl Urgent {
 }
 
 impl Modbus {
-    /// Open `line` on the thread that will own it. A connection that is lost later is opened anew by
-    /// the next request.
+    /// Opens `line` on the thread that will own it. After a loss, the next request reopens the connection.
     ///
     /// # Errors
-    /// What opening says; whether a device answers shows with the first request.
+    /// The line cannot be opened. Whether a device answers is known only after the first request.
     pub async fn open(line: Line, settings: Settings) -> Result<Self, ModbusError> {
         let name = line.to_string();
         let (jobs, queue) = mpsc::unbounded_channel();
@@ -154,7 +152,7 @@ impl Modbus {
         WeakModbus { name: self.name.clone(), jobs, urgent }
     }
 
-    /// `count` registers from `address` on (counted from 0).
+    /// Reads `count` registers from `address` on (counted from 0).
     ///
     /// # Errors
     /// See [`ModbusError`].
@@ -167,15 +165,15 @@ impl Modbus {
         self.ask(Ask::Read { space, address, count }, false).await
     }
 
-    /// Write holding registers from `address` on, then read them back.
+    /// Writes holding registers from `address` on, then reads them back.
     ///
     /// # Errors
-    /// See [`ModbusError`]; [`ModbusError::NotAsWritten`] when the device keeps something else.
+    /// See [`ModbusError`]; [`ModbusError::NotAsWritten`] if the device holds another value afterwards.
     pub async fn write(&self, address: u16, words: &[u16]) -> Result<(), ModbusError> {
         self.ask(Ask::Write { address, words: words.to_vec() }, true).await.map(drop)
     }
 
-    /// As `write`, of registers that the device clears itself: nothing is read back.
+    /// Like `write`, for registers that the device clears itself: they are not read back.
     ///
     /// # Errors
     /// See [`ModbusError`].
@@ -183,10 +181,10 @@ impl Modbus {
         self.ask(Ask::Write { address, words: words.to_vec() }, false).await.map(drop)
     }
 
-    /// Make a write ready that will overtake all others.
+    /// Prepares a write that will overtake all others.
     ///
     /// # Errors
-    /// It is not allowed.
+    /// The write is not allowed.
     pub fn urgent(&self, address: u16, words: &[u16]) -> Result<Urgent, ModbusError> {
         let ask = Ask::Write { address, words: words.to_vec() };
         self.settings.allowed.check(&ask)?;

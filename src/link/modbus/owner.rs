@@ -1,4 +1,4 @@
-//! The thread that owns a connection, and the order in which requests go out.
+//! Thread that owns a connection, and the order in which it sends requests.
 
 use std::io;
 
@@ -11,13 +11,13 @@ use super::{Ahead, Job, Line, ModbusError, Settings, Space};
 use crate::LinkError;
 use crate::wiring::Wiring;
 
-/// The other ends of the handles' channels.
+/// Receiving ends of the handles' channels.
 pub(super) struct Ends {
     pub(super) queue: mpsc::UnboundedReceiver<Job>,
     pub(super) urgent_queue: mpsc::UnboundedReceiver<Ahead>,
 }
 
-/// Start the thread and let it open its line.
+/// Starts the thread, which opens its line.
 pub(super) async fn start(line: Line, ends: Ends) -> Result<(), ModbusError> {
     let name = line.to_string();
     let fault = |source| LinkError::Open { address: name.clone(), source };
@@ -44,12 +44,12 @@ pub(super) async fn start(line: Line, ends: Ends) -> Result<(), ModbusError> {
 struct Owner {
     exchange: Exchange,
     inbox: Inbox,
-    /// After a hold nothing but urgent writes goes out.
+    /// After a hold, only urgent writes are sent.
     held: bool,
 }
 
 impl Owner {
-    /// Until the handle is dropped; a hold that was asked for in the last moment still goes out.
+    /// Runs until the handle is dropped; an urgent write that is queued at the end is still sent.
     async fn run(mut self, mut queue: mpsc::UnboundedReceiver<Job>) {
         loop {
             tokio::select! {
@@ -82,11 +82,11 @@ impl Owner {
             }
             _ => self.exchange.perform(&ask, &settings, &mut self.inbox).await,
         };
-        // Nobody waits any more: the work was done all the same.
+        // If the caller no longer waits, the request was sent nevertheless.
         let _ = answer.send(result);
     }
 
-    /// Write, then read back.
+    /// Writes, then reads back.
     async fn write(
         &mut self,
         ask: &Ask,

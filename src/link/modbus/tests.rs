@@ -1,4 +1,4 @@
-//! Against tokio-modbus's own server; the independent peer is in `tests/interop/pymodbus/`.
+//! Tests against tokio-modbus's own server; the independent peer is in `tests/interop/pymodbus/`.
 
 use std::future;
 use std::sync::{Arc, Mutex};
@@ -145,7 +145,7 @@ async fn a_hold_goes_out_although_the_handle_is_dropped() {
     panic!("no hold");
 }
 
-/// Commands, and reads between them: `times` more than needed.
+/// Sends commands, with reads between them: `times` more than needed.
 async fn talk(link: &Modbus, times: usize) -> Result<Vec<Vec<u16>>, ModbusError> {
     let mut read = Vec::new();
     for command in [7, 8, 9] {

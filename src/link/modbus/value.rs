@@ -1,8 +1,8 @@
-//! How a number lies in registers: its type, the order of its words and bytes, its scale.
+//! Encoding of a number in registers: its type, the order of its words and bytes, its scale.
 
 use serde::Deserialize;
 
-/// How a device packs a number.
+/// Type of a number in registers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
@@ -16,23 +16,23 @@ pub enum Kind {
     F64,
 }
 
-/// The order in which a number's bytes travel, where `abcd` is the most significant byte first. The
-/// letters stand for 32 bits; words and bytes of other lengths follow the same two choices.
+/// Byte order of a number; `abcd` means the most significant byte first. The letters describe 32 bits; other
+/// lengths use the same two choices (word order, byte order).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
     #[default]
     Abcd,
-    /// The least significant word first.
+    /// Least significant word first.
     Cdab,
-    /// The least significant byte of each word first.
+    /// Least significant byte of each word first.
     Badc,
-    /// Both: the least significant byte first.
+    /// Both: least significant byte first.
     Dcba,
 }
 
-/// `type = "i32"`, `order = "cdab"`, `scale = 0.001`: the number is `scale` times what the registers
-/// hold.
+/// Encoding of one number, e.g. `type = "i32"`, `order = "cdab"`, `scale = 0.001`. The number is `scale` times the
+/// value in the registers.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Number {
@@ -68,7 +68,7 @@ pub enum ValueError {
     Range { value: f64, kind: Kind, scale: f64 },
 }
 
-/// Whole numbers up to here are exact in an f64.
+/// Largest integer up to which all integers are exact in an f64 (2^53).
 const EXACT: f64 = 9_007_199_254_740_992.0;
 
 impl Kind {
@@ -84,7 +84,7 @@ impl Kind {
         matches!(self, Self::F32 | Self::F64)
     }
 
-    /// The other types of the same count of registers, the likelier first.
+    /// Other types with the same number of registers, the more common first.
     pub fn others(self) -> Vec<Self> {
         let all = [
             Self::I16,
@@ -106,15 +106,15 @@ impl Kind {
 }
 
 impl Number {
-    /// How many it takes.
+    /// Number of registers that the number occupies.
     pub fn registers(&self) -> u16 {
         self.kind.registers()
     }
 
-    /// The number in `words`, as they were read.
+    /// Decodes the number in `words`, in the order of the registers.
     ///
     /// # Errors
-    /// Another count of words, or no finite, exact number.
+    /// Wrong number of words, or the number is not finite or not exact.
     pub fn read(&self, words: &[u16]) -> Result<f64, ValueError> {
         let wanted = self.registers();
         if words.len() != usize::from(wanted) {
@@ -123,21 +123,22 @@ impl Number {
         let bits =
             self.ordered(words).iter().fold(0_u64, |bits, word| bits << 16 | u64::from(*word));
         let raw = match self.kind {
-            // The low half holds it.
+            // The value is in the low 32 bits.
             Kind::F32 => f64::from(f32::from_bits(bits as u32)),
             Kind::F64 => f64::from_bits(bits),
             _ => self.whole(bits)?,
         };
-        // 0.001 is no binary number, 1000 is: the quotient is the decimal that was meant.
+        // 0.001 has no exact binary value, but 1000 has: the division gives the decimal value that the device
+        // means.
         let parts = (1.0 / self.scale).round();
         let value = if parts * self.scale == 1.0 { raw / parts } else { raw * self.scale };
         if value.is_finite() { Ok(value) } else { Err(ValueError::NotFinite(value)) }
     }
 
-    /// The words of `value`; whole numbers are rounded.
+    /// Encodes `value` in words; integer types are rounded.
     ///
     /// # Errors
-    /// It does not fit.
+    /// The value does not fit.
     pub fn write(&self, value: f64) -> Result<Vec<u16>, ValueError> {
         let refused = ValueError::Range { value, kind: self.kind, scale: self.scale };
         let raw = value / self.scale;
@@ -155,11 +156,11 @@ impl Number {
         Ok(self.ordered(&words))
     }
 
-    /// The whole number in the low bits.
+    /// Decodes the integer in the low bits.
     fn whole(&self, bits: u64) -> Result<f64, ValueError> {
         let unused = 64 - 16 * u32::from(self.registers());
         let whole = if self.kind.is_signed() {
-            // Shifted up and back, the sign fills what is above it.
+            // Shifting up and back extends the sign.
             i128::from((bits << unused) as i64 >> unused)
         } else {
             i128::from(bits)
@@ -175,12 +176,12 @@ impl Number {
         } else {
             (0, (1_i128 << bits) - 1)
         };
-        // Exact below 2^53, and checked before it is trusted.
+        // Exact below 2^53; the check comes before the conversion.
         let number = (whole.abs() <= EXACT).then_some(whole as i128)?;
         (least <= number && number <= most).then_some(number as u64)
     }
 
-    /// From the device's order to most significant first, or back.
+    /// Reorders words from the device's order to most significant first, or back.
     fn ordered(&self, words: &[u16]) -> Vec<u16> {
         let mut words = words.to_vec();
         if matches!(self.order, Order::Cdab | Order::Dcba) {
@@ -214,7 +215,7 @@ mod tests {
         // -2 in two's complement.
         assert_eq!(number(Kind::I16, Order::Badc, 1.0).read(&[0xFEFF]).unwrap(), -2.0);
         assert_eq!(number(Kind::I32, Order::Abcd, 0.001).read(&[0xFFFF, 0xFFFE]).unwrap(), -0.002);
-        // Not 12.345000000000001, as 12345 times 0.001 would be.
+        // 12345 times 0.001 would give 12.345000000000001.
         assert_eq!(number(Kind::I32, Order::Abcd, 0.001).read(&[0, 12345]).unwrap(), 12.345);
         assert_eq!(
             number(Kind::U32, Order::Abcd, 1.0).read(&[0xFFFF, 0xFFFE]).unwrap(),

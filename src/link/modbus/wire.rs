@@ -1,5 +1,4 @@
-//! The stream below tokio-modbus. It stays with us when a context is dropped, so that the line can be
-//! drained.
+//! The stream below tokio-modbus. It remains when a context is dropped, so that the line can be drained.
 
 use std::fmt;
 use std::future::poll_fn;
@@ -14,16 +13,16 @@ use tokio::time::{Instant, timeout_at};
 
 use crate::wiring::Boxed;
 
-/// More than this without a silence is no late reply.
+/// Maximum number of bytes without a silence, bytes; more cannot be a late reply.
 const FLOOD_BYTES: usize = 16 * 1024;
 
-/// A stream that a context and its owner share; both live on one thread.
+/// Stream that a context and its owner share; both are on one thread.
 #[derive(Clone)]
 pub(super) struct Wire(Arc<Mutex<Inner>>);
 
 struct Inner {
     stream: Boxed,
-    /// When a byte went either way.
+    /// Time of the last byte in either direction.
     last: Instant,
 }
 
@@ -36,20 +35,20 @@ impl Wire {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Silence counts from now on.
+    /// Restarts the measurement of the silence.
     pub(super) fn hush(&self) {
         self.inner().last = Instant::now();
     }
 
-    /// Throw away what has come already, without waiting; how much it was. (A timer's shortest wait is
-    /// a millisecond.)
+    /// Drops the bytes that have already arrived, without waiting, and returns their number. (The shortest wait of
+    /// a timer is 1 ms.)
     ///
     /// # Errors
-    /// The stream ended, or there is no end of it.
+    /// The stream has ended, or bytes arrive without end.
     pub(super) async fn skim(&mut self) -> io::Result<usize> {
         let mut dropped = 0;
         let mut buffer = [0; 256];
-        // What has come already is known to the runtime only after it has looked.
+        // The runtime detects bytes that have already arrived only after it has polled the stream.
         tokio::task::yield_now().await;
         loop {
             let looked = poll_fn(|context| {
@@ -66,14 +65,14 @@ impl Wire {
         }
     }
 
-    /// Throw away what comes until nothing has gone either way for `silence`; how much it was.
+    /// Drops bytes until `silence` has passed without a byte in either direction, and returns their number.
     ///
     /// # Errors
-    /// The stream ended, or it never falls silent.
+    /// The stream has ended, or it never becomes silent.
     pub(super) async fn drain(&mut self, silence: Duration) -> io::Result<usize> {
         let mut dropped = 0;
         let mut buffer = [0; 256];
-        // What has come already is known to the runtime only after it has looked.
+        // The runtime detects bytes that have already arrived only after it has polled the stream.
         tokio::task::yield_now().await;
         loop {
             let due = self.inner().last + silence;
@@ -85,7 +84,7 @@ impl Wire {
     }
 }
 
-/// `dropped` and what was `read`.
+/// Adds the number of bytes `read` to `dropped`.
 fn counted(dropped: usize, read: io::Result<usize>) -> io::Result<usize> {
     match read? {
         0 => Err(io::Error::other("the other side closed it")),
@@ -94,7 +93,7 @@ fn counted(dropped: usize, read: io::Result<usize>) -> io::Result<usize> {
     }
 }
 
-/// tokio-modbus wants to name what it speaks over.
+/// tokio-modbus requires `Debug` of its stream.
 impl fmt::Debug for Wire {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("Wire")

@@ -1,12 +1,12 @@
-//! A conversation in files. Reading only asks; what is written must be what was written then. Asked for
-//! with a file's name; the answer is the name and, behind a line feed, what the file held.
+//! Replay of shared files. A read is a query; a written text must equal the captured text. A read sends the name of
+//! the file; the reply is the name and, after a line feed, the text of the file.
 
 use std::collections::BTreeMap;
 
 use super::read::{Passed, Track};
 use super::{Said, Script};
 
-/// A file that was written (its name, a line feed, its text), and what was read until the next one.
+/// A written file (its name, a line feed, its text), and the reads until the next write.
 #[derive(Default)]
 struct Exchange {
     written: Vec<u8>,
@@ -14,10 +14,10 @@ struct Exchange {
 }
 
 pub(super) struct Files {
-    /// In the first nothing was written.
+    /// The first exchange has no written file.
     exchanges: Vec<Exchange>,
     at: usize,
-    /// How often each file was read since.
+    /// Number of reads of each file since the last write.
     given: BTreeMap<Vec<u8>, usize>,
 }
 
@@ -48,7 +48,7 @@ impl Files {
         let here = self.exchanges.get(self.at).and_then(|exchange| exchange.reads.get(file));
         let said = here.and_then(|reads| reads.get(*given).or(reads.last()));
         *given += 1;
-        // A file that nobody wrote since is not there.
+        // A file that was not written since does not exist.
         said.cloned().unwrap_or_else(|| Said { at_s: 0.0, bytes: file.to_owned() })
     }
 }
@@ -76,7 +76,7 @@ impl Script for Files {
     }
 }
 
-/// The first line of `then` that is other than `now`'s.
+/// First line of `then` that differs from `now`.
 fn first_unlike(then: &[u8], now: &[u8]) -> String {
     let lines = |text: &[u8]| -> Vec<Vec<u8>> {
         text.split(|byte| *byte == b'\n').map(<[u8]>::to_vec).collect()

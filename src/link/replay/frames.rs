@@ -1,6 +1,6 @@
-//! Modbus frames: where one ends, and what in it is not its own (a transaction's number).
+//! Modbus frames: their ends, and the transaction number, which differs between capture and replay.
 
-/// What is asked or said, without its envelope: the unit, then the PDU.
+/// A request or reply without its envelope: the unit, then the PDU.
 pub(super) type Body = Vec<u8>;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -12,8 +12,8 @@ pub(super) enum Frames {
 const TCP_HEAD: usize = 6;
 
 impl Frames {
-    /// The bodies of all whole frames at the beginning of `bytes`, with their transactions' numbers (0
-    /// on RTU); what is left over stays. RTU frames are told apart by pauses: there `bytes` is one.
+    /// Removes all complete frames at the beginning of `bytes`; returns their bodies and transaction numbers (0 on
+    /// RTU). The remainder stays. RTU frames are separated by pauses: there `bytes` is one frame.
     pub(super) fn take(self, bytes: &mut Vec<u8>) -> Vec<(u16, Body)> {
         let mut found = Vec::new();
         match self {
@@ -51,7 +51,7 @@ impl Frames {
     }
 }
 
-/// CRC-16/MODBUS: reflected polynomial 0xA001, from 0xFFFF.
+/// CRC-16/MODBUS: reflected polynomial 0xA001, initial value 0xFFFF.
 fn crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, byte| {
         (0..8).fold(
@@ -69,7 +69,7 @@ mod tests {
 
     #[test]
     fn the_crc_is_the_known_one() {
-        // The check value that catalogues of CRCs give for CRC-16/MODBUS.
+        // The check value that CRC catalogues list for CRC-16/MODBUS.
         assert_eq!(crc(b"123456789"), 0x4B37);
     }
 

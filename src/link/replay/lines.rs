@@ -1,6 +1,6 @@
-//! A conversation in lines. What is sent outside of lines are single bytes; `?` asks for a status
-//! report, a line in `<` and `>` that comes when it likes. A line that begins with `get ` asks as well; its
-//! answer comes before anything else does.
+//! Replay of a protocol in lines. Single bytes are sent outside of lines; `?` requests a status report, a line in
+//! `<` and `>` that may arrive at any time. A line that begins with `get ` is a query too; its reply arrives before
+//! any other line.
 
 use std::collections::BTreeMap;
 
@@ -8,25 +8,25 @@ use super::read::{Passed, Track};
 use super::{Said, Script};
 
 const POLL: &[u8] = b"?";
-/// Asks grblHAL for the report with all its fields.
+/// Requests the status report with all fields from grblHAL.
 const FULL_POLL: &[u8] = b"\x87";
 const QUESTION: &[u8] = b"get ";
 
-/// A command, and what came until the next one.
+/// A command, and the data received until the next command.
 #[derive(Default)]
 struct Exchange {
     command: Vec<u8>,
     replies: Vec<Said>,
-    /// The answers to each question; to a poll, the reports.
+    /// Replies to each query; for a poll, the status reports.
     asked: BTreeMap<Vec<u8>, Vec<Vec<Said>>>,
 }
 
 pub(super) struct Lines {
-    /// The first has no command: what the device says unasked.
+    /// The first exchange has no command: it holds what the device sends without a request.
     exchanges: Vec<Exchange>,
-    /// The exchange under way; `None` before the first.
+    /// Index of the current exchange; `None` before the first.
     at: Option<usize>,
-    /// How many answers each question was given in it.
+    /// Number of replies to each query in the current exchange.
     given: BTreeMap<Vec<u8>, usize>,
     cutter: Cutter,
 }
@@ -83,7 +83,7 @@ impl Lines {
         }
     }
 
-    /// The next answer of this exchange to `question`, or the last there was.
+    /// Next captured reply of this exchange to `question`; if there is none left, the last reply.
     fn told(&mut self, question: &[u8]) -> Option<Vec<Said>> {
         let at = self.at?;
         let given = self.given.entry(question.to_owned()).or_default();
@@ -99,7 +99,7 @@ impl Lines {
 }
 
 impl Exchange {
-    /// `poll`: the last one that was sent.
+    /// Stores a received line. `poll` is the last poll that was sent.
     fn keep(&mut self, question: Option<&[u8]>, poll: &[u8], said: Said) {
         let is_report = said.bytes.starts_with(b"<") && said.bytes.trim_ascii_end().ends_with(b">");
         if is_report {
@@ -126,7 +126,7 @@ impl Script for Lines {
         }
         for command in self.cutter.cut(bytes) {
             said.extend(match () {
-                // A control that has said nothing of itself so far.
+                // The control has sent no status report so far.
                 () if is_poll(&command) => self.told(&command).unwrap_or_default(),
                 () if only_asks(&command) => self
                     .told(&command)
@@ -142,7 +142,7 @@ fn words(command: &[u8]) -> String {
     format!("`{}`", command.trim_ascii_end().escape_ascii())
 }
 
-/// Cuts what is sent into lines, and bytes outside of lines.
+/// Splits sent bytes into lines and single bytes outside of lines.
 #[derive(Default)]
 struct Cutter {
     line: Vec<u8>,

@@ -1,9 +1,9 @@
-//! A capture instead of a machine: each command is answered as it was then.
+//! Replay of a capture instead of a machine: each command gets the captured reply.
 //!
-//! Replies are matched by command, not by time. Commands must come as they were captured, in their
-//! order; one that the capture does not know ends the link with words that name it. What only asks
-//! (a status report, a line that begins with `get `, a Modbus read, reading a file) may be asked more or less often than then: it is answered from what
-//! came between the same two commands, and beyond that with the last of its kind.
+//! Replies are matched by command, not by time. Commands must have the captured order; an unknown command ends the
+//! link with a message that contains it. Queries (a status report, a line that begins with `get `, a Modbus read,
+//! reading a file) may be more or less frequent than in the capture: the reply comes from the data between the same
+//! two commands, and after that data is used up, the last reply of its kind is repeated.
 
 use std::collections::VecDeque;
 use std::fmt;
@@ -27,7 +27,7 @@ use super::capture::Speech;
 use crate::Clock;
 use read::Track;
 
-/// A capture that cannot be replayed.
+/// Error: a capture cannot be replayed.
 #[derive(Debug, thiserror::Error)]
 pub enum CaptureError {
     #[error("{file}: {source}")]
@@ -36,17 +36,17 @@ pub enum CaptureError {
     Spoilt { file: String, line: usize, why: String },
 }
 
-/// What a device said then, and when.
+/// Captured data of a device, and its time.
 #[derive(Debug, Clone, PartialEq)]
 struct Said {
     at_s: f64,
     bytes: Vec<u8>,
 }
 
-/// A conversation, played: bytes that are sent go in, what was said then comes out.
+/// Replay of one link: takes sent bytes, returns the captured replies.
 trait Script: Send {
     /// # Errors
-    /// The command that the capture does not know, in words.
+    /// The command that is not in the capture; as a message.
     fn hear(&mut self, bytes: &[u8]) -> Result<Vec<Said>, String>;
 }
 
@@ -59,7 +59,7 @@ pub struct Replay {
 
 impl Replay {
     /// # Errors
-    /// [`CaptureError`], with the line.
+    /// See [`CaptureError`]; it contains the line number.
     pub fn read(path: &Path) -> Result<Self, CaptureError> {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
@@ -69,12 +69,13 @@ impl Replay {
         Ok(Self { tracks: Arc::new(Mutex::new(tracks)), now_s: Arc::default() })
     }
 
-    /// The time of the capture.
+    /// Clock that runs with the times of the capture.
     pub fn clock(&self) -> Arc<dyn Clock> {
         Arc::new(self.clone())
     }
 
-    /// The next link of this name; names may have changed since, so otherwise the next that speaks so.
+    /// Next link of this name. Names may have changed since the capture: without a match, the next link of the same
+    /// protocol.
     pub(super) fn player(&self, name: &str, speech: Speech) -> Player {
         let mut tracks = locked(&self.tracks);
         let speaks = |track: &Track| track.speech == speech;
@@ -88,7 +89,7 @@ impl Replay {
             },
         };
         let player = Player { now_s: self.now_s.clone(), playing: Arc::new(Mutex::new(playing)) };
-        // What the device says unasked.
+        // Data that the device sends without a request.
         player.hear(&[]);
         player
     }
@@ -113,7 +114,7 @@ fn locked<T>(shared: &Mutex<T>) -> MutexGuard<'_, T> {
     shared.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// One link of a capture; it may be opened more than once.
+/// Replay of one link of a capture; the link may be opened more than once.
 #[derive(Clone)]
 pub(super) struct Player {
     now_s: Arc<Mutex<f64>>,
@@ -133,10 +134,10 @@ impl Player {
         Played(self.clone())
     }
 
-    /// What is sent to the device, and all that it says to it.
+    /// Passes sent bytes to the replay, and returns all replies.
     ///
     /// # Errors
-    /// The command that the capture does not know.
+    /// The command is not in the capture.
     pub(super) fn ask(&self, bytes: &[u8]) -> io::Result<Vec<u8>> {
         self.hear(bytes);
         let mut playing = locked(&self.playing);
@@ -146,7 +147,7 @@ impl Player {
         }
     }
 
-    /// What is sent to the device.
+    /// Passes sent bytes to the replay.
     pub(super) fn hear(&self, bytes: &[u8]) {
         let mut playing = locked(&self.playing);
         let heard = match &mut playing.script {

@@ -1,4 +1,4 @@
-//! A capture file, read.
+//! Reader of capture files.
 
 use super::Said;
 use crate::capture::{HEAD, Speech};
@@ -11,7 +11,7 @@ pub(super) struct Track {
     pub(super) passed: Vec<Passed>,
 }
 
-/// What went one way, at once.
+/// One transfer in one direction.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Passed {
     Sent(Vec<u8>),
@@ -19,7 +19,7 @@ pub(super) enum Passed {
 }
 
 /// # Errors
-/// The line (from 1), and what is wrong with it.
+/// The number of the faulty line (from 1), and the fault.
 pub(super) fn tracks(text: &str) -> Result<Vec<Track>, (usize, String)> {
     let mut tracks: Vec<Track> = Vec::new();
     if text.lines().next() != Some(HEAD) {
@@ -64,7 +64,7 @@ fn take(line: &str, tracks: &mut Vec<Track>) -> Result<(), &'static str> {
     Ok(())
 }
 
-/// The reverse of `escape_ascii`.
+/// Inverse of `escape_ascii`.
 fn unescape(text: &str) -> Result<Vec<u8>, &'static str> {
     let mut bytes = Vec::with_capacity(text.len());
     let mut rest = text.bytes();

@@ -1,5 +1,5 @@
-//! A conversation in Modbus frames. Reads only ask; writes command. A register that is written alone
-//! may be a heartbeat, which goes by time: written more or less often than then, it is confirmed.
+//! Replay of Modbus frames. Reads are queries; writes are commands. A write of a single register may be a
+//! heartbeat, which depends on time: it is confirmed even if it is more or less frequent than in the capture.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use super::frames::{Body, Frames};
 use super::read::{Passed, Track};
 use super::{Said, Script};
 
-/// A write, and what was read until the next one.
+/// A write, and the reads until the next write.
 #[derive(Default)]
 struct Exchange {
     write: Body,
@@ -17,10 +17,10 @@ struct Exchange {
 
 pub(super) struct Registers {
     frames: Frames,
-    /// The first has no write.
+    /// The first exchange has no write.
     exchanges: Vec<Exchange>,
     at: usize,
-    /// How many replies each read of this exchange was given.
+    /// Number of replies to each read in this exchange.
     given: BTreeMap<Body, usize>,
     sent: Vec<u8>,
 }
@@ -33,7 +33,7 @@ fn only_asks(body: &[u8]) -> bool {
     matches!(function(body), 1..=4)
 }
 
-/// Unit, function, address and count of a write of one register.
+/// Unit, function, address and count of a write of a single register.
 fn single(body: &[u8]) -> Option<&[u8]> {
     let count = body.get(4..6)?;
     (function(body) == 16 && count == [0, 1]).then(|| body.get(..6)).flatten()
@@ -42,7 +42,7 @@ fn single(body: &[u8]) -> Option<&[u8]> {
 impl Registers {
     pub(super) fn new(track: &Track, frames: Frames) -> Self {
         let mut exchanges = vec![Exchange::default()];
-        // Requests without an answer so far.
+        // Requests without a reply so far.
         let mut open: Vec<(u16, Body)> = Vec::new();
         let (mut sent, mut came) = (Vec::new(), Vec::new());
         for passed in &track.passed {

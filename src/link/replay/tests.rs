@@ -53,7 +53,7 @@ async fn replies_come_by_command_and_reports_when_asked() {
     link.send(b"?").unwrap();
     link.send_line("G1X2").unwrap();
     assert_eq!(line(&mut link).await, "ok");
-    // Asked more often than then.
+    // More polls than in the capture.
     for report in ["<Run>", "<Idle>", "<Idle>", "<Idle>"] {
         link.urgent().send(b"?");
         assert_eq!(line(&mut link).await, report);
@@ -79,7 +79,7 @@ async fn a_captured_talk_is_the_one_that_was_had() {
     assert_eq!(line(&mut link).await, "[MSG:a\\b \"c\"]");
     link.send(&[0x18, 0xFF]).unwrap();
     far.read_exact(&mut sent[..2]).await.unwrap();
-    // Bytes are written down when they are gone: what comes back comes after that.
+    // Bytes are recorded after they are sent, so the reply is recorded after them.
     far.write_all(b"ok\r\n").await.unwrap();
     assert_eq!(line(&mut link).await, "ok");
     capture.finish().unwrap();

@@ -1,4 +1,4 @@
-//! Whether balls can stand as they are stated.
+//! Check that the declared balls are geometrically possible.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use crate::frame::unit_vector;
 use crate::record::artefact::{Ball, Balls, Length};
 
-/// What is wrong, of which ball or length (counted from 0), in words that follow the key.
+/// One fault, the ball or length (counted from 0) that has it, and a text that follows the key.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{key}` {why}")]
 pub struct Flaw {
@@ -25,7 +25,7 @@ pub enum Entry {
 type Checked = Result<(), Flaw>;
 
 /// # Errors
-/// The first flaw: of single balls and of pairs in their order, then of the lengths.
+/// The first fault: of single balls and of pairs in their order, then of the lengths.
 pub fn check(balls: &Balls) -> Checked {
     for (index, ball) in balls.balls.iter().enumerate() {
         let at = At(Entry::Ball(index));
@@ -79,7 +79,7 @@ fn alone(at: &At, ball: &Ball) -> Checked {
     })
 }
 
-/// `other` stands before `ball` in the list.
+/// Checks a pair; `other` comes before `ball` in the list.
 fn apart(at: &At, ball: &Ball, other: &Ball) -> Checked {
     at.that(ball.id != other.id, "id", || {
         format!("is `{}`, and so is another one's: give each ball its own", ball.id)
@@ -132,12 +132,12 @@ fn centre(ball: &Ball) -> Vector3<f64> {
     Vector3::from(ball.centre_mm)
 }
 
-/// Radius of the stem as far as it is declared.
+/// Radius of the stem, mm; 0 if no stem is declared.
 fn one_stem(ball: &Ball) -> f64 {
     if ball.stem_length_mm > 0.0 { ball.stem_radius_mm } else { 0.0 }
 }
 
-/// Distance of the centre of `of` from the middle line of the stem of `ball`.
+/// Distance of the centre of `of` from the centre line of the stem of `ball`, mm.
 fn to_stem(ball: &Ball, of: &Ball) -> f64 {
     let along = unit_vector(Vector3::from(ball.stem)).unwrap_or_default();
     let from_ball = centre(of) - centre(ball);

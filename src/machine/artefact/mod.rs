@@ -1,5 +1,4 @@
-//! What an artefact is made of, as bodies with places. The nouns themselves stand in
-//! `record`. Table frame, mm.
+//! Bodies of an artefact and their positions, table frame, mm. The data types of artefacts are in `record`.
 
 mod check;
 mod observation;
@@ -11,7 +10,7 @@ pub use part::{Part, Shape, parts};
 
 use crate::record::artefact::{Artefact, Balls, Cylinder, DatumCylinder};
 
-/// How far the true artefact may stand from the stated one, mm.
+/// Uncertainty of the artefact's stated position, mm.
 pub fn uncertainty_mm(artefact: &Artefact) -> f64 {
     match artefact {
         Artefact::Cylinder(Cylinder { uncertainty_mm, .. })

@@ -1,4 +1,4 @@
-//! Where a displacement sensor measures a datum cylinder on a rotary table. Machine frame, mm.
+//! Surface of a datum cylinder on a rotary table that a displacement sensor measures. Machine frame, mm.
 
 use nalgebra::Vector3;
 
@@ -8,27 +8,28 @@ use crate::kinematics::{AxisLine, Chain};
 use crate::record::artefact::DatumCylinder;
 use crate::record::sensor::{Mount, Sensor};
 
-/// A radial sensor may point past the axis by this at most, mm: farther off its angle changes with the radius.
+/// Maximum distance between the line of a radial sensor and the axis, mm: with a larger distance, the sensor's
+/// angle would change with the radius.
 const MAX_OFF_AXIS_MM: f64 = 0.5;
-/// A sensor measures a section from which it is this far at most, mm.
+/// Maximum distance of a sensor from the section that it measures, along the axis, mm.
 const MAX_OFF_SECTION_MM: f64 = 2.0;
-/// Cosine of 1°: as exactly an axial sensor points along the axis.
+/// Minimum cosine of the angle between an axial sensor and the axis (1°).
 const MIN_COSINE: f64 = 0.999_85;
-/// A radial sensor is across the axis where the cosine of the angle between them is less.
+/// Maximum cosine of the angle between a radial sensor and the axis.
 const MAX_CROSS_COSINE: f64 = 0.02;
 
-/// The place that one sensor measures.
+/// Surface point that one sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ObservedSurface {
-    /// Number of the section. `None`: the face.
+    /// Number of the section; `None` for the face.
     pub section: Option<usize>,
-    /// Direction from the axis to the sensor, counter-clockwise from +X.
+    /// Direction from the axis to the sensor, counter-clockwise from +X, rad.
     pub angle_rad: f64,
-    /// From the axis to the place on the face.
+    /// Distance of the measured point on the face from the axis, mm.
     pub radius_mm: f64,
 }
 
-/// A sensor that measures no surface of the cylinder.
+/// Error: the sensor measures no surface of the cylinder.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ObservationError {
     #[error("it turns with the table that it is to measure")]
@@ -44,7 +45,7 @@ pub enum ObservationError {
 }
 
 impl ObservationError {
-    /// What to correct.
+    /// What the operator should correct.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::OnTable => {
@@ -65,12 +66,12 @@ pub struct CylinderOnTable<'a> {
     pub chain: &'a Chain,
     pub at: &'a Position,
     pub cylinder: &'a DatumCylinder,
-    /// Of the table.
+    /// Axis of the table.
     pub axis: &'a AxisLine,
 }
 
 impl CylinderOnTable<'_> {
-    /// Foot of the cylinder.
+    /// Foot of the cylinder, machine frame, mm.
     pub fn foot(&self) -> Vector3<f64> {
         let foot = Vector3::from(self.cylinder.centre_mm);
         self.chain.machine_from_table(self.at, &[]).transform_point(&foot.into()).coords
@@ -106,7 +107,7 @@ impl CylinderOnTable<'_> {
         Ok(ObservedSurface { section, angle_rad, radius_mm: 0.0 })
     }
 
-    /// Number of the section at a height above the foot.
+    /// Number of the section at `height_mm` above the foot.
     fn section_at(&self, height_mm: f64) -> Result<usize, ObservationError> {
         let off = |section: usize| (self.cylinder.sections[section].z_mm - height_mm).abs();
         let sections = 0..self.cylinder.sections.len();

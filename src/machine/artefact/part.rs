@@ -11,18 +11,18 @@ pub struct Part {
     /// e.g. `artefact`, `ball 3`, `stem of ball 3`.
     pub name: String,
     pub shape: Shape,
-    /// Whether it is there to be touched; a stem is not.
+    /// Whether the probe may touch the body; false for a stem.
     pub touched: bool,
 }
 
-/// Table frame, mm.
+/// Shape of a body, table frame, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
     Ball {
         centre: Vector3<f64>,
         radius: f64,
     },
-    /// Between the centres of its two ends.
+    /// Cylinder between the centres of its two ends.
     Cylinder {
         from: Vector3<f64>,
         to: Vector3<f64>,
@@ -31,20 +31,20 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// How far the body reaches along the unit vector `up`, from the origin.
+    /// Farthest extent of the body along the unit vector `up`, from the origin, mm.
     pub fn highest(&self, up: Vector3<f64>) -> f64 {
         match *self {
             Shape::Ball { centre, radius } => centre.dot(&up) + radius,
             Shape::Cylinder { from, to, radius } => {
                 let axis = unit_vector(to - from).unwrap_or_default();
-                // The rim: what of `up` lies across the axis.
+                // The rim contributes the component of `up` across the axis.
                 from.dot(&up).max(to.dot(&up)) + radius * (up - axis * axis.dot(&up)).norm()
             }
         }
     }
 }
 
-/// All bodies; those that are touched first.
+/// All bodies of an artefact; those that the probe touches come first.
 pub fn parts(artefact: &Artefact) -> Vec<Part> {
     match artefact {
         Artefact::Cylinder(cylinder) => vec![round(cylinder)],
@@ -63,7 +63,7 @@ fn round(cylinder: &Cylinder) -> Part {
     Part { name: "artefact".to_owned(), shape: Shape::Cylinder { from, to, radius }, touched: true }
 }
 
-/// One cylinder about all sections and the face.
+/// One cylinder that encloses all sections and the face.
 fn datum(cylinder: &DatumCylinder) -> Part {
     let foot = Vector3::from(cylinder.centre_mm);
     let axis = unit_vector(Vector3::from(cylinder.axis)).unwrap_or(Vector3::z());

@@ -1,4 +1,4 @@
-//! Where a rotary axis stands. Nominal: without error parameters.
+//! Position and direction of a rotary axis. Nominal: without error parameters.
 
 use nalgebra::Vector3;
 
@@ -10,17 +10,17 @@ use crate::{Axis, Position};
 /// An axis of rotation, machine frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisLine {
-    /// The stated point on it, mm.
+    /// The stated point on the axis, mm.
     pub point: Vector3<f64>,
-    /// Unit vector.
+    /// Unit vector along the axis.
     pub direction: Vector3<f64>,
-    /// Pose of what carries the axis: it takes the stated point and direction to those above.
+    /// Pose of the carrier of the axis: it transforms the stated point and direction to those above.
     pub carrier: Pose,
 }
 
 impl Chain {
-    /// The axis of rotation of `axis` while the axes that carry it stand as in `position`. `None` for a
-    /// linear axis, and for one that the machine does not have.
+    /// Axis of rotation of `axis` while the axes that carry it are at `position`. `None` for a linear axis, and for
+    /// an axis that the machine does not have.
     pub fn axis_line(&self, axis: Axis, position: &Position) -> Option<AxisLine> {
         let turns = |joint: &Joint| joint.axis() == axis && !axis.is_linear();
         let (branch, at) = [&self.workpiece, &self.tool]

@@ -1,5 +1,5 @@
-//! Any part of the machine that carries something: its pose, and how far what it carries can stray
-//! while the axes move. Nominal: error parameters are not looked at.
+//! Carriers: parts of the machine that carry a body. Computes the pose of a carrier, and a bound on the
+//! displacement of the body while the axes move. Nominal: without error parameters.
 
 use nalgebra::Vector3;
 
@@ -12,7 +12,8 @@ use crate::record::machine::Carrier;
 /// Positions of all axes in the order of [`Axis::ALL`], mm and rad.
 pub type Commands = [f64; Axis::ALL.len()];
 
-/// Which way from the bed a carrier stands. Two carriers of one side move together in part.
+/// Side of the machine, seen from the bed, on which a carrier is. Two carriers of one side share a part of their
+/// motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Side {
     Bed,
@@ -20,20 +21,20 @@ pub enum Side {
     Tool,
 }
 
-/// The joints between the bed and a carrier, the one next to the bed first.
+/// The joints between the bed and a carrier, beginning at the bed.
 #[derive(Debug, Clone)]
 pub struct Carried {
     side: Side,
     joints: Vec<Joint>,
 }
 
-/// A carrier on its way. The way is looked at in many places, and most joints stand still on most
-/// ways: their motion, with its sine and cosine, is made once.
+/// A carrier during a motion. The proof evaluates a motion at many points, and most joints do not move in most
+/// motions: the pose of such a joint, with its sine and cosine, is computed once.
 #[derive(Debug)]
 pub struct Going<'a>(Vec<(&'a Joint, Option<Pose>)>);
 
 impl Chain {
-    /// `None`: the machine has no such axis.
+    /// Joints of `carrier`; `None` if the machine does not have its axis.
     pub fn carried(&self, carrier: Carrier) -> Option<Carried> {
         let up_to = |branch: &[Joint], axis: Axis| {
             let last = branch.iter().position(|joint| joint.axis() == axis)?;
@@ -67,17 +68,17 @@ impl Carried {
         self.side
     }
 
-    /// The axes that move it.
+    /// The axes that move the carrier.
     pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
         self.joints.iter().map(Joint::axis)
     }
 
-    /// Do the same axes move both?
+    /// Whether the same axes move both carriers.
     pub fn moves_as(&self, other: &Self) -> bool {
         self.axes().eq(other.axes())
     }
 
-    /// Both as seen from the last carrier that they share: what moves them together is left out.
+    /// Both carriers relative to the last carrier that they share, without the joints that move both.
     pub fn between(one: &Self, other: &Self) -> [Self; 2] {
         let shared = one.axes().zip(other.axes()).take_while(|(a, b)| a == b).count();
         [one, other].map(|carried| {
@@ -86,7 +87,7 @@ impl Carried {
         })
     }
 
-    /// Between these two places.
+    /// The carrier during the motion from `from` to `to`.
     pub fn going(&self, from: &Commands, to: &Commands) -> Going<'_> {
         let joint = |joint| {
             let [from, to] = [from, to].map(|place| place[Joint::axis(joint) as usize]);
@@ -97,14 +98,13 @@ impl Carried {
 }
 
 impl Going<'_> {
-    /// Pose of the carrier in the machine frame at `middle`; and a bound, mm, on how far any point
-    /// of a body is from where it stands at `middle`, as long as every axis stays within `half` of
-    /// it, whatever way the axes take together. The body lies in the convex hull of balls of `radius`
-    /// about `corners` (carrier frame).
+    /// Pose of the carrier in the machine frame at `middle`, and a bound, mm, on the displacement of any point of a
+    /// body from its position at `middle`. The bound holds while every axis stays within `half` of `middle`, on any
+    /// path of the axes. The body lies in the convex hull of balls of `radius` about `corners` (carrier frame).
     ///
-    /// A point stands at M₁…Mₙ·p. Changing one joint after the other, the outermost first, each
-    /// moves it by |Δq| (linear) or by the chord 2·sin(|Δθ|/2) times the distance of the point *at
-    /// `middle`* from that axis; the joints further out keep that length. The sum bounds the whole.
+    /// The position of a point is M₁…Mₙ·p. Changing one joint after the other, the outermost first, each joint
+    /// moves the point by |Δq| (linear) or by the chord 2·sin(|Δθ|/2) times the distance of the point *at `middle`*
+    /// from that axis; the outer joints do not change that length. The sum bounds the total displacement.
     pub fn sweep(
         &self,
         middle: &Commands,

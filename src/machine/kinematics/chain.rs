@@ -1,4 +1,4 @@
-//! The chain: exact poses of both branches, and the exact inverse for the linear axes.
+//! The kinematic chain: exact poses of both branches, and the exact inverse for the linear axes.
 
 use nalgebra::{Matrix3, Point3, Rotation3, Vector3};
 
@@ -12,8 +12,8 @@ use crate::{Axis, Position};
 
 /// Kinematics of one machine: each joint and each error is its own one-parameter motion.
 ///
-/// All frames coincide when every axis stands at zero and there are no errors. Axes that a
-/// [`Position`] does not name stand at zero.
+/// All frames coincide when every axis is at zero and there are no errors. Axes that a [`Position`] does not
+/// contain are at zero.
 #[derive(Debug, Clone)]
 pub struct Chain {
     topology: Topology,
@@ -23,9 +23,9 @@ pub struct Chain {
 
 impl Chain {
     /// # Errors
-    /// A topology that cannot be read; an axis that stands in the topology but not in `axes`, or
-    /// the other way round (`S` may be absent from `axes`: a spindle that cannot be oriented); a
-    /// direction that is not finite; linear axes that do not span space.
+    /// The topology cannot be parsed; an axis is in the topology but not in `axes`, or the other way round (`S` may
+    /// be absent from `axes`: a spindle that cannot be oriented); a direction is not finite; the linear axes do not
+    /// span space.
     pub fn new(machine: &Machine) -> Result<Self, KinematicsError> {
         let topology: Topology = machine.topology.parse()?;
         if let Some(axis) = machine.axes.keys().find(|axis| !topology.contains(**axis)) {
@@ -35,8 +35,8 @@ impl Chain {
         let branch = |axes: &[Axis], side: f64| -> Result<Vec<Joint>, KinematicsError> {
             axes.iter().map(|axis| Joint::new(*axis, side, machine)).collect()
         };
-        // ISO 841: a positive command moves the tool relative to the workpiece, so what carries
-        // the workpiece moves by minus the command.
+        // ISO 841: a positive command moves the tool relative to the workpiece, so a joint in the workpiece branch
+        // moves by minus the command.
         let workpiece = branch(topology.workpiece(), -1.0)?;
         let tool = branch(topology.tool(), 1.0)?;
         let chain = Self { topology, workpiece, tool };
@@ -48,7 +48,7 @@ impl Chain {
         &self.topology
     }
 
-    /// Whether this machine has the axis of `parameter`; errors of other axes have no effect.
+    /// Checks that this machine has the axis of `parameter`; errors of other axes have no effect.
     pub fn check(&self, parameter: ErrorParameter) -> Result<(), KinematicsError> {
         if self.topology.contains(parameter.axis()) {
             Ok(())
@@ -68,7 +68,7 @@ impl Chain {
         pose(&self.tool, position, errors)
     }
 
-    /// Where the point `tip` of the tool stands on the table: p_w = T_w⁻¹ T_t tip.
+    /// Position of the tool point `tip` in the table frame: p_w = T_w⁻¹ T_t tip.
     pub fn tip_in_table(
         &self,
         position: &Position,
@@ -80,12 +80,11 @@ impl Chain {
         Point::from_vec(table.inverse_transform_point(&in_machine).coords)
     }
 
-    /// X, Y, Z that bring `tip` to `target` with all other axes as in `others`, whose X, Y, Z are
-    /// ignored. The result names X, Y, Z only. Exact: without angular error motions of linear axes
-    /// p_w is affine in X, Y, Z.
+    /// X, Y, Z that bring `tip` to `target` with all other axes as in `others`, whose X, Y, Z are ignored. The
+    /// result contains X, Y, Z only. Exact: without angular error motions of linear axes, p_w is affine in X, Y, Z.
     ///
     /// # Errors
-    /// Errors so large that X, Y, Z no longer span space.
+    /// The errors are so large that X, Y, Z no longer span space.
     pub fn linear_axes_for(
         &self,
         target: Point<Table>,
@@ -96,7 +95,7 @@ impl Chain {
         let inverse = self.linear_inverse(others, errors)?;
         let at = |xyz: Vector3<f64>| others.updated_by(&Position::from_xyz(xyz));
         let missing = |xyz: Vector3<f64>| target.mm - self.tip_in_table(&at(xyz), tip, errors).mm;
-        // The second solve takes away the rounding of the first.
+        // The second solve removes the rounding error of the first.
         let first = inverse * missing(Vector3::zeros());
         Ok(Position::from_xyz(first + inverse * missing(first)))
     }
@@ -104,7 +103,7 @@ impl Chain {
     /// ∂(X, Y, Z)/∂p_w, the inverse of [`Chain::linear_jacobian`].
     ///
     /// # Errors
-    /// Errors so large that X, Y, Z no longer span space.
+    /// The errors are so large that X, Y, Z no longer span space.
     pub fn linear_inverse(
         &self,
         position: &Position,

@@ -40,7 +40,7 @@ impl Chain {
     }
 }
 
-/// A joint in its place: the pose that carries it, and the same with its location errors.
+/// A joint at its position: the pose of its carrier, and the same pose with the location errors of the joint.
 struct Placed<'a> {
     joint: &'a Joint,
     prefix: Pose,

@@ -1,4 +1,4 @@
-//! One joint with the errors that stand at it.
+//! One joint and its errors.
 
 use std::f64::consts::PI;
 
@@ -16,10 +16,10 @@ pub(super) const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Ax
 #[derive(Debug, Clone)]
 pub(super) struct Joint {
     axis: Axis,
-    /// Branch times sense: the joint moves by `sign · command`.
+    /// Sign of the branch times sense of the axis: the joint moves by `sign · command`.
     sign: f64,
     direction: Vector3<f64>,
-    /// A point on a rotary axis; zero for a linear one. Angular errors turn about it.
+    /// A point on a rotary axis; zero for a linear axis. Angular errors rotate about it.
     point: Vector3<f64>,
 }
 
@@ -82,18 +82,19 @@ impl Joint {
         self.direction.cross(&(point - self.point)).norm()
     }
 
-    /// The longest way between two places of a point `reach` away from the axis of rotation, while
-    /// the command changes by `change` at most.
+    /// Maximum distance between two positions of a point at distance `reach` from the axis of rotation, while the
+    /// command changes by `change` at most.
     pub(super) fn longest(&self, change: f64, reach: f64) -> f64 {
         if self.axis.is_linear() { change } else { 2.0 * (change.min(PI) / 2.0).sin() * reach }
     }
 
-    /// Location errors and error motions, then the joint, then gains.
+    /// Motion of the joint with all its errors: location errors and error motions, then the nominal motion, then
+    /// gains.
     pub(super) fn motion(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
         self.before(position, errors) * self.after(position, errors)
     }
 
-    /// The joint itself, with its gains.
+    /// Motion of the joint with its gains, without location errors and error motions.
     pub(super) fn after(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
         let command = position.at(self.axis);
         if self.axis.is_linear() {
@@ -103,7 +104,7 @@ impl Joint {
         }
     }
 
-    /// Location errors and error motions: one motion a component, in the order of [`COMPONENTS`].
+    /// Location errors and error motions: one motion per component, in the order of [`COMPONENTS`].
     pub(super) fn before(&self, position: &Position, errors: &[ErrorTerm]) -> Pose {
         if self.own(errors).next().is_none() {
             return Pose::identity();
@@ -117,7 +118,7 @@ impl Joint {
         })
     }
 
-    /// All errors of one component before the joint: they share their generator, so they add up.
+    /// Sum of all errors of one component before the joint; they share one generator, so they add up.
     pub(super) fn error_motion(
         &self,
         component: Axis,

@@ -1,11 +1,11 @@
-//! One chain for every machine. Topology, error parameters, exact pose, its Jacobian and
-//! its inverse. No input or output.
+//! Kinematic chain for every machine: topology, error parameters, exact pose, its Jacobian and its inverse. No
+//! input or output.
 //!
-//! Each joint and each error parameter is a one-parameter motion exp(value·φ(q)·e_k). Location
-//! errors and error motions stand before their joint's motion in the order X, Y, Z, A, B, C; gains
-//! of linear axes after it, with the joint's sign. "Relative to the previous axis": errors are
-//! inserted locally, in axes parallel to the machine's when all axes stand at zero; angular ones
-//! turn about the axis' own point (the machine's origin for linear axes).
+//! Each joint and each error parameter is a one-parameter motion exp(value·φ(q)·e_k). Location errors and error
+//! motions come before the motion of their joint in the order X, Y, Z, A, B, C; gains of linear axes come after it,
+//! with the joint's sign. "Relative to the previous axis": errors are inserted locally, in axes parallel to the
+//! machine's when all axes are at zero; angular errors rotate about the point of the axis (the machine's origin for
+//! linear axes).
 
 mod axis_line;
 mod carrier;
@@ -25,7 +25,7 @@ pub use topology::{Topology, TopologyError};
 
 use crate::Axis;
 
-/// A machine whose kinematics cannot be built, and what to change.
+/// Error: the kinematics cannot be built; the message contains what to change.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum KinematicsError {
     #[error(transparent)]

@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use crate::Axis;
 
-/// How an error depends on the command `q` of its axis (rad or mm, sign as commanded).
+/// Dependence of an error on the command `q` of its axis (rad or mm, sign as commanded).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Shape {
     /// φ = 1: location error, e.g. `EX0C`.
@@ -39,9 +39,8 @@ pub struct ErrorTerm {
 
 impl ErrorParameter {
     /// # Errors
-    /// Component S; a gain of a rotary axis or with an angular component (the pose would no longer
-    /// be affine in X, Y, Z); an error motion of a linear axis; harmonic 0; an entry outside its
-    /// table.
+    /// Component S; a gain of a rotary axis or with an angular component (the pose would no longer be affine in X,
+    /// Y, Z); an error motion of a linear axis; harmonic 0; an entry outside its table.
     pub fn new(component: Axis, axis: Axis, shape: Shape) -> Result<Self, ParameterError> {
         let parameter = Self { component, axis, shape };
         let sound = match shape {
@@ -99,7 +98,7 @@ impl fmt::Display for ErrorParameter {
     }
 }
 
-/// Reads the names that `Display` writes, and the same with an underscore after the `E`.
+/// Parses the names that `Display` writes, and the same names with an underscore after the `E`.
 impl FromStr for ErrorParameter {
     type Err = ParameterError;
 
@@ -136,7 +135,7 @@ fn motion(suffix: &str) -> Option<Shape> {
     Some(Shape::Entry { index: index.parse().ok()?, of: of.parse().ok()? })
 }
 
-/// A name that stands for no error parameter, and what to write.
+/// Error: the name is not an error parameter.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` is no error parameter; write a location error as EX0C, the gain of a linear axis as EXX1, an error motion of a rotary axis as EXC_sin1, EXC_cos1 or, entry by entry of a periodic table, EXC_0/36"

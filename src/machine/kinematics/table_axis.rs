@@ -4,20 +4,20 @@ use super::Chain;
 use crate::record::machine::Machine;
 use crate::{Axis, Position};
 
-/// An axis is along Z where the cosine of its angle to Z is at least this.
+/// Minimum cosine of the angle between an axis and Z.
 const MIN_COSINE_TO_Z: f64 = 0.999;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct TableAxis {
     pub axis: Axis,
-    /// All rotary axes at zero.
+    /// Position with all rotary axes at zero.
     pub zero: Position,
-    /// Sense in which a rising command turns the table about +Z: +1 right-handed, −1 as in ISO 841.
+    /// Sense in which an increasing command turns the table about +Z: +1 right-handed, −1 as in ISO 841.
     pub turn: f64,
 }
 
 impl TableAxis {
-    /// The innermost rotary axis on the workpiece side that is along Z with all others at zero.
+    /// Returns the innermost rotary axis on the workpiece side that is parallel to Z with all other axes at zero.
     pub fn of(machine: &Machine, chain: &Chain) -> Option<Self> {
         let rotary = machine.axes.keys().filter(|axis| !axis.is_linear());
         let zero: Position = rotary.map(|axis| (*axis, 0.0)).collect();
@@ -25,7 +25,7 @@ impl TableAxis {
         let is_upright =
             |axis: &&Axis| direction_z(**axis).is_some_and(|z| z.abs() >= MIN_COSINE_TO_Z);
         let axis = *chain.topology().workpiece().iter().rev().find(is_upright)?;
-        // What carries the workpiece turns against the sign of the command (ISO 841).
+        // A joint that carries the workpiece turns against the sign of the command (ISO 841).
         let turn = -machine.axes.get(&axis)?.positive.sign() * direction_z(axis)?.signum();
         Some(Self { axis, zero, turn })
     }

@@ -1,4 +1,4 @@
-//! Conventions of the chain, each against a case known exactly.
+//! Conventions of the chain, each tested against a case with a known exact result.
 
 use std::f64::consts::PI;
 
@@ -44,7 +44,7 @@ fn assert_near(actual: Vector3<f64>, expected: Vector3<f64>) {
     assert!(actual.metric_distance(&expected) < 1e-12, "{actual} instead of {expected}");
 }
 
-/// METHODS section 1: a probe at machine angle φ touches the workpiece at φ + C.
+/// METHODS section 1: at table angle C, a probe at machine angle φ touches the workpiece at φ + C.
 #[test]
 fn a_fixed_machine_point_lies_at_phi_plus_c_of_the_workpiece() {
     let (phi, c) = (0.3_f64, 1.1_f64);
@@ -79,7 +79,7 @@ fn a_rotary_axis_turns_about_its_point_and_direction() {
     assert_near(chain.tip_in_table(&beside, tip(), &[]).mm, Vector3::new(10.0, 19.0, 5.0));
 }
 
-/// A gain lengthens the motion, with the joint's sign: seen on the table it is + on both branches.
+/// A gain lengthens the motion, with the joint's sign: in the table frame it is positive on both branches.
 #[test]
 fn gains_lengthen_the_motion_on_both_branches() {
     for topology in ["wCXFYZt", "wCFXYZt"] {
@@ -89,7 +89,7 @@ fn gains_lengthen_the_motion_on_both_branches() {
     }
 }
 
-/// The axis stands at E_X0C instead of 0: a point on the true axis stays, whatever C.
+/// The axis is at E_X0C instead of 0: a point on the true axis does not move with C.
 #[test]
 fn a_location_error_moves_the_axis_itself() {
     let chain = Chain::new(&machine("wCFXYZt")).unwrap();
@@ -132,7 +132,7 @@ fn what_cannot_be_built_is_refused() {
     assert!(chain.check("EX0B".parse().unwrap()).is_err());
 }
 
-/// The poses of the ends of both branches are those of the chain; in between, by hand.
+/// The poses at the ends of both branches equal those of the chain; those in between are computed by hand.
 #[test]
 fn every_carrier_stands_where_its_axes_bring_it() {
     let chain = Chain::new(&machine("wCBXFZYSt")).unwrap();
@@ -145,7 +145,7 @@ fn every_carrier_stands_where_its_axes_bring_it() {
     let spindle = chain.machine_from_spindle(&named, &[]);
     assert_same(pose(Carrier::Axis(Axis::S)), spindle);
     let point = Vector3::new(1.0, 2.0, 3.0);
-    // X carries the table's side, so it goes the other way; the spindle's body does not turn.
+    // X moves the table side, so it moves the opposite way; the spindle's body does not turn.
     assert_near(
         pose(Carrier::Axis(Axis::X)).transform_point(&point.into()).coords,
         Vector3::new(-10.0, 2.0, 3.0),
@@ -165,8 +165,8 @@ fn every_carrier_stands_where_its_axes_bring_it() {
     assert_eq!(side(Carrier::Axis(Axis::A)), None);
 }
 
-/// However the axes go within ± half, no corner strays further than the bound; and the bound is not
-/// idle: for one axis alone it is reached.
+/// However the axes move within ± half, no corner moves farther than the bound; for one axis alone, the bound is
+/// reached exactly.
 #[test]
 fn the_bound_on_straying_holds_and_is_reached() {
     let mut machine = machine("wCBXFZYSt");

@@ -1,4 +1,4 @@
-//! The order of the axes between workpiece and tool, from its string.
+//! Parser of the topology string: the order of the axes between workpiece and tool.
 
 use std::fmt;
 use std::str::FromStr;
@@ -13,12 +13,12 @@ pub struct Topology {
 }
 
 impl Topology {
-    /// Axes between bed and workpiece, the one next to the bed first.
+    /// Axes between bed and workpiece, beginning at the bed.
     pub fn workpiece(&self) -> &[Axis] {
         &self.workpiece
     }
 
-    /// Axes between bed and tool, the one next to the bed first; the spindle `S`, if any, is last.
+    /// Axes between bed and tool, beginning at the bed; the spindle `S`, if any, is last.
     pub fn tool(&self) -> &[Axis] {
         &self.tool
     }
@@ -59,8 +59,8 @@ impl fmt::Display for Topology {
     }
 }
 
-/// Reads `w-C-B-X-F-Z-Y-S-t`, `V[w-C-B-b-Y-X-Z-(C)-t]` (ISO 10791 style) and both without dashes:
-/// from workpiece to tool, bed `F` or `b`, spindle `S` or `(C)`.
+/// Parses `w-C-B-X-F-Z-Y-S-t`, `V[w-C-B-b-Y-X-Z-(C)-t]` (ISO 10791 style) and both without dashes: from workpiece
+/// to tool, bed `F` or `b`, spindle `S` or `(C)`.
 impl FromStr for Topology {
     type Err = TopologyError;
 
@@ -88,7 +88,7 @@ fn read(text: &str) -> Result<Topology, Problem> {
     Ok(topology)
 }
 
-/// What stands between the brackets of `V[..]`, or all of it where there are none.
+/// The text between the brackets of `V[..]`, or the whole text without brackets.
 fn unbracketed(text: &str) -> Result<&str, Problem> {
     match text.trim().split_once('[') {
         None => Ok(text.trim()),
@@ -103,7 +103,7 @@ fn axes(letters: &str) -> Result<Vec<Axis>, Problem> {
         .collect()
 }
 
-/// A topology that cannot be read, and what to write.
+/// Error: the topology cannot be parsed; the message contains an example.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
     "topology `{text}`: {problem} (from workpiece to tool, e.g. `w-C-B-X-F-Z-Y-S-t` or `V[w-C-B-b-Y-X-Z-(C)-t]`)"

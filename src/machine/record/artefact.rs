@@ -1,5 +1,5 @@
-//! The artefact that is touched, as the machine file and the plan state it. It stands in the table
-//! frame: the machine frame when all axes stand at zero.
+//! The measured artefact, as the machine file and the plan declare it. Positions are in the table frame, which is
+//! the machine frame when all axes are at zero.
 
 use serde::{Deserialize, Serialize};
 
@@ -12,22 +12,22 @@ pub enum Artefact {
     Cylinder(Cylinder),
     Balls(Balls),
     DatumCylinder(DatumCylinder),
-    /// On the table is nothing but the solids of the machine file.
+    /// Nothing is on the table but the solids of the machine file.
     None,
 }
 
-/// A cylinder that displacement sensors look at: radially at its sections, axially at its face. Nothing
-/// touches it.
+/// A cylinder that displacement sensors measure: radially at its sections, axially at its face. The probe does not
+/// touch it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DatumCylinder {
-    /// Foot of its axis.
+    /// Foot of the cylinder's axis, table frame.
     pub centre_mm: [f64; 3],
     pub axis: [f64; 3],
     pub sections: Vec<Section>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub face: Option<Section>,
-    /// How far the true centre may lie from the stated one.
+    /// Maximum distance of the true centre from the stated centre.
     #[serde(default = "default_uncertainty")]
     pub uncertainty_mm: f64,
 }
@@ -36,9 +36,9 @@ pub struct DatumCylinder {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Section {
-    /// From the foot along the axis.
+    /// Distance from the foot along the axis.
     pub z_mm: f64,
-    /// Of the cylinder there; of the face: how far it reaches from the axis.
+    /// Radius of the cylinder at this section; for the face, its outer radius.
     pub radius_mm: f64,
 }
 
@@ -51,13 +51,13 @@ pub struct Cylinder {
     pub radius_mm: f64,
     #[serde(default = "default_height")]
     pub height_mm: f64,
-    /// How far the true centre may lie from the stated one.
+    /// Maximum distance of the true centre from the stated centre.
     #[serde(default = "default_uncertainty")]
     pub uncertainty_mm: f64,
 }
 
-/// Precision balls on stems. Nobody needs to know where they stand to the last micrometre; the
-/// lengths between some of them are certified.
+/// Precision balls on stems. Their positions need not be known accurately; the lengths between some of them may be
+/// certified.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Balls {
@@ -65,26 +65,27 @@ pub struct Balls {
     pub balls: Vec<Ball>,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lengths: Vec<Length>,
-    /// Standard uncertainty of a coordinate of a ball's centre against the other balls; absent: nobody has
-    /// calibrated their places.
+    /// Standard uncertainty of a coordinate of a ball's centre relative to the other balls; absent if the positions
+    /// are not calibrated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub certificate_u_mm: Option<f64>,
-    /// Coefficient of expansion of what the balls stand on; absent: 0.
+    /// Coefficient of thermal expansion of the base that carries the balls; absent: 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expansion_um_per_m_k: Option<f64>,
     /// Temperature of the artefact during the measurement; absent: 20 °C, at which the centres are certified.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
-    /// Standard uncertainty of that temperature; absent: 0.
+    /// Standard uncertainty of `temperature_c`; absent: 0.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub u_temperature_k: Option<f64>,
-    /// How far the true centres may lie from the stated ones.
+    /// Maximum distance of the true centres from the stated centres.
     #[serde(default = "default_uncertainty")]
     pub uncertainty_mm: f64,
 }
 
 impl Balls {
-    /// Of each mm between two certified centres, mm: at the stated temperature, and its standard uncertainty.
+    /// Thermal expansion per mm of distance between two certified centres, mm: its value at the stated temperature,
+    /// and its standard uncertainty.
     pub fn expansion(&self) -> [f64; 2] {
         let per_k = self.expansion_um_per_m_k.unwrap_or_default() * 1e-6;
         let above_k = self.temperature_c.map_or(0.0, |celsius| celsius - REFERENCE_C);
@@ -95,17 +96,17 @@ impl Balls {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ball {
-    /// Short, without `/`: it stands in the labels of steps.
+    /// Short name without `/`, because the labels of steps contain it.
     pub id: String,
     pub centre_mm: [f64; 3],
     pub radius_mm: f64,
     /// Direction from the ball's centre along the stem to its foot.
     #[serde(default = "default_stem")]
     pub stem: [f64; 3],
-    /// 0: not declared, and not looked at.
+    /// Radius of the stem; 0 if the stem is not declared, and therefore not checked.
     #[serde(default)]
     pub stem_radius_mm: f64,
-    /// From the ball's centre.
+    /// Length of the stem from the ball's centre.
     #[serde(default)]
     pub stem_length_mm: f64,
 }
@@ -116,17 +117,17 @@ pub struct Ball {
 pub struct Length {
     pub from: String,
     pub to: String,
-    /// At 20 °C.
+    /// Length at 20 °C.
     pub mm: f64,
     /// Standard uncertainty of the certificate.
     pub u_mm: f64,
-    /// Coefficient of expansion.
+    /// Coefficient of thermal expansion.
     #[serde(default)]
     pub expansion_um_per_m_k: f64,
-    /// Its temperature during the measurement; absent: 20 °C is assumed.
+    /// Temperature during the measurement; absent: 20 °C is assumed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_c: Option<f64>,
-    /// Standard uncertainty of that temperature.
+    /// Standard uncertainty of `temperature_c`.
     #[serde(default)]
     pub u_temperature_k: f64,
 }

@@ -1,4 +1,4 @@
-//! The estimate: the published result. Each value has its unit beside it.
+//! The estimate: the published result of a measurement. Each value has its unit.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -24,7 +24,7 @@ pub enum Unit {
 }
 
 impl Unit {
-    /// Edge value from an internal one (mm, rad, mm/mm, s).
+    /// Converts an internal value (mm, rad, mm/mm, s) into the unit.
     pub fn from_internal(self, value: f64) -> f64 {
         match self {
             Unit::Um | Unit::Ms => value * 1e3,
@@ -33,7 +33,7 @@ impl Unit {
         }
     }
 
-    /// As a reader expects it.
+    /// Symbol of the unit for reports.
     pub fn symbol(self) -> &'static str {
         match self {
             Unit::Um => "µm",
@@ -59,38 +59,38 @@ pub struct Parameter {
     pub k: f64,
     pub dof: Option<f64>,
     pub identifiable: bool,
-    /// Standard uncertainty by Monte Carlo (JCGM 101), beside the first-order `u`.
+    /// Standard uncertainty by Monte Carlo (JCGM 101), in addition to the first-order `u`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub u_monte_carlo: Option<f64>,
-    /// Its shortest interval that covers with the probability of k.
+    /// Shortest Monte Carlo interval with the coverage probability of k.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub interval_monte_carlo: Option<[f64; 2]>,
-    /// Standard uncertainty by source, same unit.
+    /// Contributions to the standard uncertainty by source, in the same unit.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub budget: Vec<BudgetLine>,
-    /// Against its limit, if there is one.
+    /// Judgement against the limit, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub judged: Option<Judgement>,
 }
 
-/// What the limit of a parameter says.
+/// Judgement of a parameter against its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Judgement {
-    /// |value| may be so much, in the parameter's unit.
+    /// Maximum |value|, in the parameter's unit.
     pub limit: f64,
     pub verdict: Verdict,
-    /// Probability that the true value is within the limit (JCGM 106, 7.2), by value, u and degrees of freedom; absent
-    /// where the uncertainty cannot be trusted.
+    /// Probability that the true value is within the limit (JCGM 106, 7.2), from value, u and degrees of freedom;
+    /// absent if the uncertainty is not reliable.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub conformance: Option<f64>,
 }
 
-/// How the size of a source of uncertainty was evaluated (JCGM 100, 4.2 and 4.3).
+/// Evaluation type of a source's uncertainty (JCGM 100, 4.2 and 4.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum EvaluationType {
-    /// By statistics of repeated readings.
+    /// From statistics of repeated readings.
     A,
-    /// By other means: a declaration, a certificate.
+    /// From other information: a declaration, a certificate.
     B,
 }
 
@@ -103,7 +103,7 @@ impl EvaluationType {
     }
 }
 
-/// Of one draw of a source of uncertainty.
+/// Distribution of one draw of an uncertainty source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Distribution {
@@ -123,35 +123,38 @@ impl Distribution {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct BudgetLine {
     pub source: String,
-    /// Absent in estimates of earlier versions, as the distribution.
+    /// Evaluation type; absent in estimates of earlier versions, like the distribution.
     #[serde(rename = "type", default, skip_serializing_if = "Option::is_none")]
     pub evaluation: Option<EvaluationType>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distribution: Option<Distribution>,
     /// Contribution to the standard uncertainty of the parameter, in its unit.
     pub u: f64,
-    /// Degrees of freedom of its size; absent: infinitely many.
+    /// Degrees of freedom of the source's uncertainty; absent: infinitely many.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dof: Option<f64>,
-    /// Of the machine file, that declares its size, as `probe.lobing_um`; `axes.*`: each of the axes. Absent: none.
+    /// Key of the machine file that declares the size of the source, such as `probe.lobing_um`; `axes.*` means each
+    /// of the axes. Absent: no key.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub key: Option<String>,
-    /// `u` by the size that the key declares, of several axes or sensors the largest. Absent: it is not in proportion.
+    /// Ratio of `u` to the size that the key declares; for several axes or sensors, the ratio to the largest.
+    /// Absent: not proportional.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sensitivity: Option<f64>,
-    /// Its size, or a part of it, is not declared but assumed.
+    /// Whether the size, or a part of it, is assumed instead of declared.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub assumed: bool,
 }
 
 impl Estimate {
-    /// Symbols of the parameters that were judged so.
+    /// Symbols of the parameters that have this verdict.
     pub fn with_verdict(&self, verdict: Verdict) -> Vec<&str> {
         let so = |p: &&Parameter| p.judged.is_some_and(|judged| judged.verdict == verdict);
         self.parameters.iter().filter(so).map(|p| p.symbol.as_str()).collect()
     }
 
-    /// Its displacements along X and Y over an angle hold at this point, machine frame with all axes at zero, mm.
+    /// Sets the point for which the displacements along X and Y over an angle are valid, machine frame with all
+    /// axes at zero, mm.
     pub fn displaced_at(mut self, at_mm: [f64; 3]) -> Self {
         let is_across = |f: &Function| f.symbol.starts_with("EX") || f.symbol.starts_with("EY");
         let is_displacement = |f: &&mut Function| f.argument_unit == "deg" && is_across(f);
@@ -166,16 +169,17 @@ pub struct Function {
     pub symbol: String,
     pub argument: String,
     pub argument_unit: String,
-    /// Rising; of a `curve`, a further curve over the same range begins where it falls.
+    /// Increasing; in a `curve`, a decrease begins another curve over the same range.
     pub x: Vec<f64>,
     pub unit: Unit,
     pub y: Vec<f64>,
-    /// Zero where none is stated.
+    /// Uncertainty; zero if none is stated.
     pub u: Vec<f64>,
-    /// How to draw it: `curve`, `polar`, `points`, `histogram` or `spectrum`.
+    /// Kind of figure: `curve`, `polar`, `points`, `histogram` or `spectrum`.
     #[serde(default)]
     pub figure: FigureKind,
-    /// Where a displacement holds, machine frame with all axes at zero. Absent: at the Z of `point_mm`.
+    /// Point for which a displacement is valid, machine frame with all axes at zero. Absent: at the Z of
+    /// `point_mm`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub at_mm: Option<[f64; 3]>,
 }
@@ -186,11 +190,11 @@ pub enum FigureKind {
     #[default]
     Curve,
     Polar,
-    /// Single values over a number: nothing lies between them.
+    /// Single values over a number, without connecting lines.
     Points,
-    /// How often which value of y occurs.
+    /// Frequency of each value of y.
     Histogram,
-    /// Amplitudes over the harmonic order. A whole order from 1 to the highest that x does not hold is not
+    /// Amplitudes over the harmonic order. An integer order from 1 to the highest that is missing in x is not
     /// identifiable.
     Spectrum,
 }
@@ -208,14 +212,14 @@ pub struct CircleFigure {
     pub centre_expanded: [f64; 2],
 }
 
-/// Vectors at places in space, by group: what is left over at each ball, by indexation.
+/// Vectors at points in space, by group: the residuals at each ball, by indexation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ArrowFigure {
     pub symbol: String,
-    /// Of the vectors.
+    /// Unit of the vectors.
     pub unit: Unit,
     pub groups: Vec<Arrows>,
-    /// How to draw it: `arrows` or `paths`.
+    /// Kind of figure: `arrows` or `paths`.
     #[serde(default)]
     pub figure: VectorKind,
 }
@@ -225,8 +229,8 @@ pub struct ArrowFigure {
 pub enum VectorKind {
     #[default]
     Arrows,
-    /// Where each place was to be, and where it was found, the deviation magnified; joined in their
-    /// order, and round.
+    /// Nominal and measured position of each point, with the deviation magnified; the points are joined in order to
+    /// a closed path.
     Paths,
 }
 
@@ -240,13 +244,13 @@ pub struct Arrows {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Arrow {
     pub label: String,
-    /// Where it begins; the method says in which frame.
+    /// Start point; its frame depends on the method.
     pub at_mm: [f64; 3],
     pub vector: [f64; 3],
-    /// What the vector would be by what was identified.
+    /// The vector by the identified model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub modelled: Option<[f64; 3]>,
-    /// Worth a second look.
+    /// Whether the vector needs a check.
     #[serde(default)]
     pub flagged: bool,
 }
@@ -254,11 +258,11 @@ pub struct Arrow {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Covariance {
     pub symbols: Vec<String>,
-    /// Square, in the products of the parameters' units.
+    /// Square matrix, in the products of the parameters' units.
     pub rows: Vec<Vec<f64>>,
 }
 
-/// |value| of the parameter `symbol` may be `limit` at most, in `unit`.
+/// Limit on a parameter: |value| of `symbol` is at most `limit`, in `unit`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Limit {
     pub symbol: String,
@@ -271,10 +275,9 @@ pub struct Limit {
 pub enum Verdict {
     Pass,
     Fail,
-    /// The uncertainty reaches across a limit.
+    /// The uncertainty interval contains a limit.
     Undecided,
-    /// The readings contradict the model and the declared sources: no uncertainty can be trusted,
-    /// whatever the limits.
+    /// The readings contradict the model and the declared sources: no uncertainty is reliable, whatever the limits.
     #[serde(rename = "undecided (model)")]
     UndecidedModel,
     /// No limit is stated.
@@ -288,56 +291,57 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// A measurement that is far from what all others make expected. It is in the estimate: a person decides whether its
-/// readings are flagged `excluded`.
+/// A measurement that is far from the value predicted by all others. It is still part of the estimate: the operator
+/// decides whether its readings are flagged `excluded`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Outlier {
-    /// Several where the readings cannot tell which of them is off.
+    /// Candidates; several if the readings do not show which of them is wrong.
     pub candidates: Vec<Deviation>,
     /// Externally studentised residual.
     pub t: f64,
-    /// What was done, in words; absent: nothing.
+    /// Action taken, as text; absent: none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<String>,
 }
 
-/// Of one measurement, as the plan labels it.
+/// Deviation of one measurement, with the label from the plan.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Deviation {
     pub label: String,
-    /// Measured less expected by all others, outward along the touch; of a ball the length of the displacement.
+    /// Measured value minus the value predicted by all others, outward along the touch; for a ball, the length of the
+    /// displacement.
     pub deviation_um: f64,
 }
 
-/// What an estimate was made from. Hashes are of JSON without white space.
+/// Inputs of an estimate. Hashes are of JSON without white space.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Provenance {
-    /// The program that identified it, with its version, and of a release its commit.
+    /// Program that made the identification, with its version, and the commit for a release.
     pub program: String,
     /// Name of the machine.
     pub machine: String,
     pub plan_sha256: String,
     pub readings_sha256: String,
-    /// Of what the probe is ([`Probe::identity`](super::machine::Probe::identity)): two runs of the same probe share its
-    /// systematic errors.
+    /// Hash of the probe's identity ([`Probe::identity`](super::machine::Probe::identity)): two runs with the same
+    /// probe share its systematic errors.
     pub probe_sha256: String,
-    /// Of the artefact as stated: likewise its certificate.
+    /// Hash of the stated artefact: two runs with the same artefact share the errors of its certificate.
     pub artefact_sha256: String,
-    /// Compensations of the control that were active, in its maker's words.
+    /// Compensations that were active in the control, by the control's own names.
     pub compensations_active: Vec<String>,
-    /// From the first to the last reading, s.
+    /// Time from the first to the last reading, s.
     pub duration_s: f64,
     /// Lowest and highest reading of each thermometer, °C.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub temperatures_c: BTreeMap<String, [f64; 2]>,
 }
 
-/// How large a deviation of one measurement must be to be found.
+/// Smallest detectable deviation of one measurement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SmallestFound {
-    /// As the plan labels it.
+    /// Label from the plan.
     pub label: String,
-    /// With a probability of 95 %; absent: no other measurement checks it.
+    /// Deviation that is detected with a probability of 95 %; absent if no other measurement checks it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub deviation_um: Option<f64>,
 }
@@ -346,10 +350,10 @@ pub struct SmallestFound {
 pub struct Estimate {
     pub trued_estimate: u32,
     pub method: String,
-    /// What it was made from; absent until the program that identifies has added it.
+    /// Inputs of the estimate; absent until the identifying program adds them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub provenance: Option<Provenance>,
-    /// Probability with which each value ± U covers, in percent; absent in estimates of earlier versions.
+    /// Coverage probability of each value ± U, in percent; absent in estimates of earlier versions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub coverage_percent: Option<f64>,
     /// Number of Monte Carlo trials.
@@ -365,31 +369,31 @@ pub struct Estimate {
     pub rank: usize,
     pub unknowns: usize,
     pub condition: f64,
-    /// What limits it, in words: the least certain combination of unknowns.
+    /// The least certain combination of unknowns, as text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weakest: Option<String>,
-    /// What was fixed by convention.
+    /// Unknowns that are fixed by convention.
     pub gauge: Vec<String>,
     pub not_identifiable: Vec<String>,
     pub residual_rms_um: f64,
     pub degrees_of_freedom: usize,
-    /// χ² over its expectation where all is as declared: the degrees of freedom, but where sources that
-    /// move many readings together are declared.
+    /// χ² divided by its expectation when all declared values are correct: the degrees of freedom, unless sources
+    /// that affect many readings together are declared.
     pub chi2_per_dof: f64,
     pub verdict: Verdict,
-    /// By which it was judged, in words.
+    /// Decision rule of the verdict, as text.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub decision_rule: Option<String>,
     pub warnings: Vec<String>,
-    /// Measurements that are far from all others.
+    /// Measurements that are far from the values predicted by all others.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub outliers: Vec<Outlier>,
-    /// Of each measurement that is compared with all others.
+    /// Smallest detectable deviation of each measurement that is compared with all others.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub smallest_found: Vec<SmallestFound>,
-    /// Hashes of the estimates taken as known.
+    /// Hashes of the estimates that are used as known values.
     pub priors: Vec<String>,
-    /// Ranges of the axes over which it was measured, mm and degrees.
+    /// Measured ranges of the axes, mm and degrees.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub measured: BTreeMap<Axis, [f64; 2]>,
 }

@@ -1,4 +1,4 @@
-//! What a run tells while it goes on: to the journal, the terminal and, later, the page.
+//! Events of a run: for the journal, the terminal and, later, the page.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,11 +10,11 @@ use super::watch::LiveValues;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "event")]
 pub enum Event {
-    /// Free text for the person at the machine.
+    /// Free text for the operator.
     Announced {
         text: String,
     },
-    /// The text of a stage was read back and proven; nothing of it has moved yet.
+    /// The text of a stage was read back and proven; the stage has not moved yet.
     StageProven {
         stage: u32,
         proof: Proof,
@@ -31,17 +31,17 @@ pub enum Event {
     ReadingStored {
         reading: Reading,
     },
-    /// A person is asked to do this; nothing moves until somebody has said that it is done.
+    /// The prompt waits for the operator; nothing moves until the operator confirms it.
     Asked {
         step: u32,
         repeat: u32,
         text: String,
     },
-    /// The watched sensors of a prompt while it waits, a few times a second; not in the journal.
+    /// Values of the watched sensors while a prompt waits, a few times per second; not in the journal.
     Watched {
         values: LiveValues,
     },
-    /// Somebody has done it.
+    /// The operator has confirmed the prompt.
     Answered {
         step: u32,
         repeat: u32,
@@ -59,24 +59,24 @@ pub enum Event {
     Faulted {
         what: String,
         remedy: String,
-        /// The control may not know where its axes are: they must be homed before the run goes on.
+        /// Whether the control may have lost the axis positions: the axes must be homed before the run continues.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         position_lost: bool,
     },
-    /// A person has looked at the machine after a fault or a stop.
+    /// The operator has checked the machine after a fault or a stop.
     Acknowledged {
         who: String,
         what: String,
-        /// The run is left as it is, and new ones may begin; otherwise it is this one that goes on.
+        /// Whether the run is abandoned, so that new runs may begin; otherwise this run continues.
         #[serde(default, skip_serializing_if = "std::ops::Not::not")]
         leaves: bool,
     },
-    /// The run goes on after an interruption; `gap_s` as in the plan.
+    /// The run continues after an interruption; `gap_s` as in the plan.
     Resumed {
         gap_s: f64,
     },
     Finished,
-    /// So many scans have lost their samples, because their time to be kept was over.
+    /// The samples of this many scans were removed, because their retention time was over.
     SamplesRemoved {
         scans: u32,
     },

@@ -1,7 +1,7 @@
-//! The machine, its probe and its artefact, as the machine file and the plan state them.
+//! The machine, its probe and its artefact, as the machine file and the plan declare them.
 //!
-//! Keys carry their units (`_mm`, `_um`, `_deg`); `min`, `max` and the speeds of an axis are in mm
-//! for X, Y, Z and in degrees for A, B, C, S.
+//! Keys contain their units (`_mm`, `_um`, `_deg`); `min`, `max` and the speeds of an axis are in mm for X, Y, Z
+//! and in degrees for A, B, C, S.
 
 use std::collections::BTreeMap;
 
@@ -27,14 +27,14 @@ impl Sense {
     }
 }
 
-/// How an axis finds its zero after the control was started.
+/// Method by which an axis finds its zero after the control has started.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Homing {
-    /// The control homes it.
+    /// The control homes the axis.
     #[default]
     Switch,
-    /// A rotary axis without a switch: a person confirms its zero before each run.
+    /// A rotary axis without a switch: the operator confirms its zero before each run.
     None,
 }
 
@@ -52,20 +52,20 @@ pub struct Machine {
     pub topology: String,
     #[serde(default)]
     pub axes: BTreeMap<Axis, AxisSpec>,
-    /// Stylus-ball centre from the spindle datum.
+    /// Position of the stylus-ball centre relative to the spindle datum.
     #[serde(default)]
     pub tool_mm: [f64; 3],
-    /// Declared thermal drift of the table against the spindle: standard deviation of its rate in each
-    /// of X, Y and Z, and of a round part's radius.
+    /// Declared thermal drift between table and spindle: standard deviation of its rate in each of X, Y and Z, and
+    /// of the rate of a round part's radius.
     #[serde(default)]
     pub drift_um_per_h: f64,
-    /// Standard deviation of what each two of X, Y and Z lack of a right angle.
+    /// Standard deviation of the squareness error between each two of X, Y and Z.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub squareness_urad: f64,
 }
 
 impl Machine {
-    /// All rotary axes at zero, or as near as they come; the spindle keeps the orientation it has.
+    /// Position with all rotary axes at zero, or at the limit nearest to zero; the spindle keeps its orientation.
     pub fn rotary_at_zero(&self) -> Position {
         let rotary = self.axes.iter().filter(|(axis, _)| !axis.is_linear() && **axis != Axis::S);
         rotary.map(|(axis, spec)| (*axis, axis.from_edge(spec.nearest_zero()))).collect()
@@ -80,7 +80,7 @@ pub struct AxisSpec {
     /// A point on a rotary axis, all axes at zero.
     #[serde(default)]
     pub point_mm: [f64; 3],
-    /// Direction; `[0,0,0]` stands for the axis' nominal direction after ISO 841.
+    /// Direction; `[0,0,0]` means the nominal direction of the axis after ISO 841.
     #[serde(default)]
     pub direction: [f64; 3],
     pub min: f64,
@@ -93,29 +93,29 @@ pub struct AxisSpec {
     /// Acceleration, mm/s² or deg/s².
     #[serde(default = "default_acceleration")]
     pub acceleration_per_s2: f64,
-    /// Width of one step of the displayed position, um (linear axes).
+    /// Resolution of the displayed position, um (linear axes).
     #[serde(default)]
     pub resolution_um: f64,
-    /// Declared error motions: standard deviation of the deviation along each of X, Y and Z, um. Of a
-    /// linear axis positioning and straightness, anywhere on it; of a rotary axis (ISO 230-7) at any
-    /// angle, less its mean and what turns with it once a turn.
+    /// Declared error motions: standard deviation of the deviation along each of X, Y and Z, um. For a linear axis:
+    /// positioning and straightness, at any position. For a rotary axis (ISO 230-7): at any angle, without the mean
+    /// and without the part that turns with the axis once per revolution.
     #[serde(default)]
     pub error_motion_um: f64,
-    /// Of a rotary axis: harmonic orders of its error motion, each with an equal share of the variance. Empty: not
-    /// known; each order that a method cannot separate counts with the whole.
+    /// For a rotary axis: harmonic orders of its error motion, each with an equal share of the variance. Empty:
+    /// unknown; then each order that a method cannot separate counts with the whole variance.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub error_motion_orders: Vec<u32>,
-    /// Of a linear axis: lost motion at a reversal that the control does not compensate, standard uncertainty, um.
+    /// For a linear axis: lost motion at a reversal that the control does not compensate, standard uncertainty, um.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub backlash_um: f64,
-    /// Of a linear axis: standard deviation of how far it turns about each of X, Y and Z on its way (roll, pitch, yaw),
-    /// urad.
+    /// For a linear axis: standard deviation of its angular error motion about each of X, Y and Z (roll, pitch,
+    /// yaw), urad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub angular_motion_urad: f64,
     /// Distance over which error motions of a linear axis change, mm.
     #[serde(default = "default_wavelength")]
     pub error_wavelength_mm: f64,
-    /// Of a rotary axis that must be unclamped to turn.
+    /// Clamp of a rotary axis that must be unclamped to turn.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub clamp: Option<Clamp>,
 }
@@ -132,13 +132,13 @@ impl AxisSpec {
     }
 }
 
-/// Words of a control's own, each one M word with its parameters, that switch the clamp of an axis.
+/// Commands of the control, each one M word with its parameters, that switch the clamp of an axis.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Clamp {
     pub close: String,
     pub open: String,
-    /// How long the clamp takes, either way.
+    /// Time that the clamp takes to open or close.
     #[serde(default = "default_clamp_wait")]
     pub wait_s: f64,
 }
@@ -159,77 +159,76 @@ fn default_wavelength() -> f64 {
     200.0
 }
 
-/// The touch probe and what is declared about it.
+/// The touch probe and its declared properties.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Probe {
-    /// Which stylus it is, e.g. its serial number: another one, another name.
+    /// Identification of the stylus, e.g. its serial number: another stylus has another name.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub stylus: String,
     pub ball_radius_mm: f64,
-    /// Standard uncertainty of one touch (repeatability of probe and machine), um. Absent: judged
-    /// from the residuals alone.
+    /// Standard uncertainty of one touch (repeatability of probe and machine), um. Absent: evaluated from the
+    /// residuals alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub repeatability_um: Option<f64>,
     /// Standard deviation of the direction-dependent pre-travel (lobing), um.
     #[serde(default)]
     pub lobing_um: f64,
-    /// Harmonic orders of the lobing, each with an equal share of the variance. Empty: not known; each order from 2
-    /// to 6 counts with the whole.
+    /// Harmonic orders of the lobing, each with an equal share of the variance. Empty: unknown; then each order
+    /// from 2 to 6 counts with the whole variance.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub lobing_orders: Vec<u32>,
     /// Standard uncertainty of the stated stylus offset in each of X and Y, um.
     #[serde(default)]
     pub stylus_offset_um: f64,
-    /// Runs that touch need a qualification of this probe that is not older, days. Absent: they do not.
+    /// Maximum age of a probe qualification for runs that touch, days. Absent: no qualification is required.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub qualified_within_days: Option<f64>,
-    /// Stem of the stylus, from the ball's centre up along the spindle axis. 0: not declared, and
-    /// not looked at.
+    /// Radius of the stylus stem, from the ball's centre up along the spindle axis. 0: not declared, and therefore
+    /// not checked.
     #[serde(default)]
     pub stem_radius_mm: f64,
     #[serde(default)]
     pub stem_length_mm: f64,
-    /// Body of the probe, from the end of the stem up. 0: not declared, and not looked at.
+    /// Radius of the probe body, from the end of the stem up. 0: not declared, and therefore not checked.
     #[serde(default)]
     pub body_radius_mm: f64,
     #[serde(default)]
     pub body_length_mm: f64,
-    /// Farthest the stylus may be pressed beyond contact.
+    /// Maximum deflection of the stylus beyond contact.
     #[serde(default = "default_overtravel")]
     pub overtravel_mm: f64,
     /// Feed of a measuring touch.
     #[serde(default = "default_touch_feed")]
     pub feed_mm_min: f64,
-    /// Feed of a search touch and of the back-off after any touch.
+    /// Feed of a search touch and of the retract after any touch.
     #[serde(default = "default_search_feed")]
     pub search_feed_mm_min: f64,
-    /// Feed of guarded positioning near the artefact: braking from it must stay within the
-    /// overtravel.
+    /// Feed of guarded positioning near the artefact: the braking distance from it must be within the overtravel.
     #[serde(default = "default_guarded_feed")]
     pub guarded_feed_mm_min: f64,
-    /// The control's word that switches the probe on, e.g. `M64 P1`; absent: it is always on.
+    /// Command of the control that switches the probe on, e.g. `M64 P1`; absent: the probe is always on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub on: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub off: Option<String>,
-    /// Rest between positioning and the touch.
+    /// Dwell between positioning and touch.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub settle_s: f64,
     #[serde(default, skip_serializing_if = "LiveCheck::is_default")]
     pub live_check: LiveCheck,
-    /// The control's input that is on while the probe reports an error: a number (LinuxCNC, `M66`)
-    /// or the letter of a pin in status reports (grblHAL).
+    /// Input of the control that is on while the probe reports an error: a number (LinuxCNC, `M66`) or the letter
+    /// of a pin in status reports (grblHAL).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error_input: Option<String>,
-    /// As `error_input`: on while its battery is low.
+    /// Like `error_input`: on while the probe's battery is low.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub battery_input: Option<String>,
 }
 
 impl Probe {
-    /// What it is and how it touches, without what is declared of its uncertainty, how far and how fast it may go besides,
-    /// and the control's words for it: a probe qualification holds for a probe that is the same in this.
+    /// The probe without its declared uncertainties, without the limits and feeds that do not affect a touch, and
+    /// without the control's commands. A probe qualification is valid for a probe that has the same identity.
     pub fn identity(&self) -> Self {
         Self {
             repeatability_um: None,
@@ -250,14 +249,14 @@ impl Probe {
     }
 }
 
-/// How a run finds out, before it comes near anything, that the probe lives.
+/// How a run checks that the probe works, before the machine moves near anything.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum LiveCheck {
-    /// The first touch shows it.
+    /// The first touch shows that the probe works.
     #[default]
     Touch,
-    /// A person deflects the stylus.
+    /// The operator deflects the stylus.
     Person,
 }
 
@@ -287,16 +286,16 @@ fn default_guarded_feed() -> f64 {
     1_500.0
 }
 
-/// A body that nothing may meet: a table, a clamp, the nose of the spindle.
+/// A body that nothing may collide with: a table, a clamp, the spindle nose.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Solid {
     pub name: String,
-    /// What carries it.
+    /// Part of the machine that carries the body.
     pub on: Carrier,
-    /// With `radius_mm` the two ends of a cylinder's axis, otherwise two opposite corners of a box;
-    /// in the carrier's frame, which is the machine frame when all axes stand at zero (of the
-    /// spindle: from the spindle datum).
+    /// With `radius_mm`, the two ends of a cylinder's axis; otherwise two opposite corners of a box. The frame is
+    /// the carrier's, which is the machine frame when all axes are at zero (for the spindle: relative to the
+    /// spindle datum).
     pub from_mm: [f64; 3],
     pub to_mm: [f64; 3],
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -314,7 +313,7 @@ pub enum Carrier {
     /// The end of the chain that carries the tool; the body does not turn with S.
     #[serde(rename = "spindle")]
     Spindle,
-    /// What this axis moves, directly.
+    /// The part that this axis moves directly.
     #[serde(untagged)]
     Axis(Axis),
 }

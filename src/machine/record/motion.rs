@@ -1,39 +1,40 @@
-//! Neutral motion: what a dialect renders and a controller executes. Machine coordinates.
+//! Neutral motions, which a dialect renders and a controller executes. Machine coordinates.
 
 use serde::{Deserialize, Serialize};
 
 use super::track::Track;
 use crate::Position;
 
-/// One move. Only the axes named in `to` move; all of them together, along a straight line.
+/// One move. Only the axes contained in `to` move, all together along a straight line.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "do")]
 pub enum Motion {
-    /// Fast, unguarded: only where nothing can be touched.
+    /// Rapid move without contact detection: only where nothing can be touched.
     Rapid {
         to: Position,
     },
-    /// At feed, unguarded: the short retract out of contact; afterwards the probe must read open.
+    /// Move at feed without contact detection: the short retract out of contact; afterwards the probe must read
+    /// open.
     BackOff {
         to: Position,
         feed_mm_min: f64,
     },
-    /// At feed, unguarded: along a scan, and towards it. There is nothing that could be touched.
+    /// Move at feed without contact detection: along a scan and towards it, where nothing can be touched.
     Feed {
         to: Position,
         feed_mm_min: f64,
     },
-    /// At feed, stops on contact; contact is a fault.
+    /// Move at feed that stops on contact; contact is a fault.
     Guarded {
         to: Position,
         feed_mm_min: f64,
     },
-    /// The touch: stops on contact, which must come before `to`.
+    /// Probing move: stops on contact, which must occur before `to`.
     Probe {
         to: Position,
         feed_mm_min: f64,
     },
-    /// Turn the spindle to an orientation (rad) and hold it.
+    /// Turns the spindle to an orientation (rad) and holds it.
     Orient {
         s: f64,
     },
@@ -50,13 +51,13 @@ pub struct Block {
     pub motions: Vec<Motion>,
 }
 
-/// What a controller says of an executed block.
+/// Result of an executed block.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Outcome {
     /// All axis positions at the trigger, machine coordinates; `None` if the block has no `Probe`.
     pub touch: Option<Position>,
-    /// Time of the trigger where the control stamps it, s; otherwise the host's clock is used.
+    /// Time of the trigger, s, if the control stamps it; otherwise the host's clock is used.
     pub t_s: Option<f64>,
-    /// Of a block that moves at feed, where the control stamps positions: all the while.
+    /// For a block that moves at feed, on a control that stamps positions: the positions during the whole block.
     pub track: Option<Track>,
 }

@@ -1,5 +1,5 @@
-//! What measures a step in JSON: `"sensor": "probe"`, or `"sensors": ["x1", "y1"]` where there are several; an empty
-//! string is none. Either key is read.
+//! Sensors of a step in JSON: `"sensor": "probe"`, or `"sensors": ["x1", "y1"]` for several; an empty string means
+//! none. Either key is accepted.
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -29,7 +29,7 @@ pub fn serialize<S: Serializer>(names: &[String], serializer: S) -> Result<S::Ok
 }
 
 /// # Errors
-/// Neither key.
+/// Both keys are missing.
 pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<String>, D::Error> {
     match Keys::deserialize(deserializer)? {
         Keys { sensors: Some(names), .. } => Ok(names),

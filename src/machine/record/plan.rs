@@ -1,5 +1,5 @@
-//! The plan: what is measured, on which machine, step by step. It is written stage by stage while
-//! a run goes on, and it alone is enough for somebody else's program to play the machine.
+//! The plan: the machine, the measurement and its steps. It is written stage by stage during a run. It is
+//! self-contained: another program can play the machine from it.
 
 use serde::{Deserialize, Serialize};
 
@@ -13,22 +13,22 @@ use crate::{Axis, Position};
 /// Version of the plan format, the value of the key `trued_plan`.
 pub const PLAN_VERSION: u32 = 1;
 
-/// Repeats from here on, and below [`REPEAT_AFTER_STOP`], are measured again because all others contradict what was
-/// read; no method counts its passes so far.
+/// First repeat number, below [`REPEAT_AFTER_STOP`], of steps that are measured again because all other readings
+/// contradict theirs; no method has that many passes.
 pub const REPEAT_OF_SUSPECTS: u32 = 500;
 
-/// Repeats from here on are references measured again after a stop.
+/// First repeat number of references that are measured again after a stop.
 pub const REPEAT_AFTER_STOP: u32 = 1000;
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     pub trued_plan: u32,
     pub method: String,
-    /// The method's own settings, complete (defaults filled in).
+    /// Settings of the method, complete with defaults.
     pub settings: serde_json::Value,
     pub machine: Machine,
     pub probe: Probe,
-    /// What measures besides the probe, or in its place.
+    /// Sensors that measure in addition to the probe, or in its place.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub sensors: Vec<Sensor>,
     #[serde(default)]
@@ -36,18 +36,17 @@ pub struct Plan {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub solids: Vec<Solid>,
     pub artefact: Artefact,
-    /// Estimates of other runs that are taken as known.
+    /// Estimates of other runs that are used as known values.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub priors: Vec<Estimate>,
-    /// Times of the readings' clock, s, at which the measurement was interrupted: each is that of the
-    /// last reading before. What was measured before and after may lie apart.
+    /// Times on the clock of the readings, s, at which the measurement was interrupted: each is the time of the
+    /// last reading before the interruption. Values before and after an interruption may differ systematically.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub gaps_s: Vec<f64>,
-    /// Keys of the machine file that it does not state and whose values are assumed, e.g.
-    /// `axes.X.backlash_um`.
+    /// Keys that the machine file does not contain and whose values are assumed, e.g. `axes.X.backlash_um`.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub assumed: Vec<String>,
-    /// Compensations of the control that are active, in its maker's words.
+    /// Compensations that are active in the control, by the control's own names.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub compensations_active: Vec<String>,
     #[serde(default)]
@@ -60,54 +59,53 @@ pub enum StepKind {
     Index,
     Touch,
     Scan,
-    /// A touch that is measured again to see drift; a run can go on after a stop only with references. A
-    /// method may identify from it too.
+    /// A touch that is repeated to detect drift. A run can continue after a stop only with references. A method may
+    /// also use it for the identification.
     Reference,
-    /// A person does what its `text` says. Nothing moves: `from` is `to`. It stands at the head of its
-    /// stage.
+    /// The operator does what `text` says. Nothing moves: `from` equals `to`. Prompts come first in their stage.
     Prompt,
 }
 
-/// One step. A touch is the straight line `from` → `to`, linear axes alone moving; rotary axes and
-/// spindle stand as `from` says. Machine coordinates.
+/// One step. A touch is the straight line `from` → `to` of the linear axes alone; rotary axes and spindle are
+/// positioned as in `from`. Machine coordinates.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Step {
     pub id: u32,
     pub stage: u32,
     pub kind: StepKind,
-    /// e.g. `1a/C045`: test and angle.
+    /// Label, e.g. `1a/C045`: test and angle.
     pub label: String,
     pub from: Position,
     pub to: Position,
     pub feed_mm_min: f64,
-    /// Names of what measures: `probe`, or of the plan's sensors. In JSON `sensor` is the only one, or empty;
-    /// `sensors` is the list of several.
+    /// Names of the measuring sensors: `probe`, or sensors of the plan. In JSON, `sensor` is the only name, or
+    /// empty; `sensors` is the list of several.
     #[serde(flatten, with = "super::one_or_many")]
     pub sensors: Vec<String>,
-    /// Outward surface normal where contact is expected, machine frame; of a scan: against the beam.
+    /// Outward surface normal at the expected contact, machine frame; for a scan: the direction against the beam.
     pub normal: [f64; 3],
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub scan: Option<Scan>,
-    /// What a prompt asks a person to do.
+    /// Text of a prompt: what the operator must do.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub text: Option<String>,
-    /// Of a prompt: how the artefact is mounted from here on.
+    /// For a prompt: mounting of the artefact from this step on.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mount: Option<ArtefactMount>,
-    /// Of a prompt: sensors that are read while the person works.
+    /// For a prompt: sensors that are read while the operator works.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub watch: Vec<WatchedSensor>,
 }
 
-/// How the artefact is mounted.
+/// Mounting of the artefact.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ArtefactMount {
-    /// Against its first mounting, counter-clockwise seen from the tip of its axis.
+    /// Rotation relative to the first mounting, counter-clockwise seen from the tip of the artefact's axis.
     pub turn_deg: f64,
 }
 
 impl Plan {
-    /// Steps of a stage, numbered on from the last step of the plan.
+    /// Numbers the steps of a stage, continuing after the last step of the plan.
     pub fn numbered(&self, stage: u32, steps: Vec<Step>) -> Vec<Step> {
         let first = self.steps.last().map_or(0, |step| step.id + 1);
         (first..).zip(steps).map(|(id, step)| Step { id, stage, ..step }).collect()
@@ -115,7 +113,7 @@ impl Plan {
 }
 
 impl Step {
-    /// A prompt, not yet numbered.
+    /// A prompt without step number.
     pub fn prompt(label: String, text: String) -> Self {
         Self {
             id: 0,
@@ -134,7 +132,7 @@ impl Step {
         }
     }
 
-    /// A scan from the first to the last point of its path, not yet numbered and without feed and sensors.
+    /// A scan from the first to the last point of its path, without step number, feed and sensors.
     pub fn scan(label: String, scan: Scan) -> Self {
         let end = |point: Option<&Position>| point.cloned().unwrap_or_default();
         let (from, to) = (end(scan.path.first()), end(scan.path.last()));
@@ -142,15 +140,14 @@ impl Step {
         Self { kind, from, to, scan, text: None, ..Self::prompt(label, String::new()) }
     }
 
-    /// The first of its sensors; empty where it has none.
+    /// Name of the first sensor; empty if there is none.
     pub fn sensor(&self) -> &str {
         self.sensors.first().map_or("", String::as_str)
     }
 }
 
-/// What a scan adds to its step: straight segments from point to point, at the step's feed. `from` of
-/// the step is the first point, `to` the last. Angles of rotary axes are unwrapped: from 0 to 1080° are
-/// three revolutions.
+/// Path and sampling of a scan: straight segments from point to point, at the feed of the step. `from` of the step
+/// is the first point, `to` the last. Angles of rotary axes are unwrapped: from 0 to 1080° are three revolutions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Scan {
     pub path: Vec<Position>,
@@ -159,12 +156,12 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// Whether its linear axes stand still and others turn: its feed is in degrees a minute then.
+    /// Whether the scan moves rotary axes only; its feed is then in degrees per minute.
     pub fn turns_only(&self) -> bool {
         self.moved_axes().next().is_some() && self.moved_axes().all(|axis| !axis.is_linear())
     }
 
-    /// The rotary axis that it turns, where it moves no other axis.
+    /// The rotary axis that the scan turns, if it moves no other axis.
     pub fn turned_axis(&self) -> Option<Axis> {
         let mut moved = self.moved_axes();
         moved.next().filter(|axis| !axis.is_linear() && moved.next().is_none())
@@ -177,37 +174,36 @@ impl Scan {
     }
 }
 
-/// When samples are taken.
+/// Sampling of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Sampling {
-    /// At each point: it rests so long, then so many samples are taken while it stands.
+    /// At each point: the axes rest for `dwell_s`, then `samples` samples are taken at standstill.
     Dwell { dwell_s: f64, samples: u32 },
-    /// All the way, so many a second, with positions from a control that stamps them.
+    /// During the motion, at `rate_hz`, with positions from a control that stamps them.
     Continuous {
         rate_hz: f64,
-        /// Of a turn of one rotary axis: the samples are filtered to so many equal angles a revolution, from
-        /// 0° on, and these are the readings: all samples are used, also more than `rate_hz`. Without it, every
-        /// sample is a reading.
+        /// For a turn of one rotary axis: the number of equal angles per revolution, from 0° on, to which the
+        /// samples are filtered. The filtered values are the readings: all samples are used, also above `rate_hz`.
+        /// Absent: every sample is a reading.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         per_revolution: Option<usize>,
     },
 }
 
-/// A part of the plan that is proven and run as a whole; the method sees its readings before it
-/// writes the next.
+/// A part of the plan that is proven and run as a whole; the method receives its readings before it plans the next
+/// stage.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Stage {
     pub id: u32,
     pub name: String,
-    /// How often each step has been measured before: 0 in the first pass. From [`REPEAT_OF_SUSPECTS`] on: measured
-    /// again because it was far off, counted by such stages; from [`REPEAT_AFTER_STOP`] on: references measured again
-    /// after a stop, counted by stops.
+    /// Number of earlier measurements of each step: 0 in the first pass. From [`REPEAT_OF_SUSPECTS`] on: measured
+    /// again because the value was an outlier, counted by such stages. From [`REPEAT_AFTER_STOP`] on: references
+    /// measured again after a stop, counted by stops.
     pub repeat: u32,
-    /// Ids of the steps to run, in order. They stand in the plan.
+    /// Ids of the steps to run, in order. The plan contains these steps.
     pub steps: Vec<u32>,
-    /// Where the artefact was found, if earlier stages have found it: from here on, proofs look at
-    /// this one.
+    /// The artefact as earlier stages have found it, if they have: from this stage on, proofs use it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub found: Option<Artefact>,
 }

@@ -1,23 +1,23 @@
-//! What the proof of a stage found.
+//! Result of the proof of a stage.
 
 use serde::{Deserialize, Serialize};
 
-/// A stage that was proven.
+/// Proof of one stage.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Proof {
-    /// Motions looked at.
+    /// Number of proven motions.
     pub motions: usize,
-    /// The smallest clearance of all moves that must stay free, between bodies of two sides of the
-    /// machine; `None` if no such pair was looked at.
+    /// Smallest clearance of all moves that must stay free, between bodies of two sides of the machine; `None` if
+    /// no such pair was checked.
     pub nearest: Option<Clearance>,
     /// The smallest clearance of each step, in order.
     pub steps: Vec<Clearance>,
-    /// In words: bodies that the machine file does not declare, neighbours that are built close, moves
-    /// before it is known where all axes stand.
+    /// What was not checked, as text: bodies that the machine file does not declare, neighbours that are built
+    /// close, moves before the positions of all axes are known.
     pub not_looked_at: Vec<String>,
 }
 
-/// Two bodies, how near they come, and where.
+/// Two bodies, their smallest distance, and the line of the text.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Clearance {
     pub step: u32,

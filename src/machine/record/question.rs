@@ -1,5 +1,5 @@
-//! What a person at the machine is asked while it is commissioned, and what may be answered. The
-//! words belong to whoever asks.
+//! Questions to the operator during commissioning, and the possible answers. The user interface supplies the
+//! wording.
 
 use std::fmt;
 
@@ -7,13 +7,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Axis, Position};
 
-/// A small straight move of one axis from where it stands.
+/// A small straight move of one axis from its present position.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Jog {
     pub axis: Axis,
-    /// mm for X, Y and Z, degrees for the others; the sign is that of the command.
+    /// Distance, mm for X, Y and Z, degrees for the others; the sign is that of the command.
     pub by: f64,
-    /// mm or degrees a minute.
+    /// Feed, mm/min or degrees/min.
     pub feed_per_min: f64,
 }
 
@@ -30,43 +30,42 @@ impl fmt::Display for AxisDirection {
     }
 }
 
-/// How the stylus is to be.
+/// Required state of the stylus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stylus {
-    /// The touch probe sits in the spindle, and no other sensor in its place.
+    /// The touch probe is in the spindle, and no other sensor in its place.
     Mounted,
-    /// Nobody and nothing touches it.
+    /// Nothing touches the stylus.
     Free,
-    /// Pressed aside by hand, and held there.
+    /// The stylus is deflected by hand, and held there.
     Deflected,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub enum Question {
-    /// The control says that it stands here, machine coordinates. Does its own display show the same?
-    /// Yes or no.
+    /// The control reports this position, machine coordinates. Does its own display show the same? Yes or no.
     Shows(Position),
-    /// May the machine move so, and then back? `look_for`: what will be seen, in words. Yes or no.
+    /// May the machine make this move, and then move back? `look_for`: the visible motion, as text. Yes or no.
     MayJog { jog: Jog, look_for: String },
-    /// What was seen? `Saw`.
+    /// Which motion did the operator see? `Saw`.
     Jogged { jog: Jog, look_for: String },
-    /// Is the stylus so? Yes, once it is; no, if it cannot be.
+    /// Is the stylus in this state? Yes, once it is; no, if it cannot be.
     Stylus(Stylus),
-    /// The probe reads closed at this position. Which linear axis leads the stylus out of contact?
-    /// `Retract`; no: nothing moves.
+    /// The probe reads closed at this position. Which linear axis moves the stylus out of contact? `Retract`; no:
+    /// nothing moves.
     RetractDirection {
         position: Position,
-        /// The visible motion of each axis at a positive command, in words.
+        /// The visible motion of each axis at a positive command, as text.
         look_for: Vec<String>,
         /// Result of the last answer, if the probe still reads closed.
         last_result: Option<String>,
     },
-    /// May the machine move so, to be held on its way? Yes or no.
+    /// May the machine make this move, to be held during the motion? Yes or no.
     MayHold(Jog),
-    /// The control was held. Is it released there, and ready again? `not_yet`: why it was not when it
-    /// was last tried. Yes or no.
+    /// The control was held. Is the hold released at the control, and is the control ready again? `not_yet`: why
+    /// the last attempt failed. Yes or no.
     Released { not_yet: Option<String> },
-    /// May this be done? Yes or no.
+    /// May this action be done? Yes or no.
     May { what: String },
 }
 
@@ -77,22 +76,22 @@ pub enum Answer {
     Saw(Seen),
     /// One step along this axis.
     Retract(AxisDirection),
-    /// Nobody is there who could answer.
+    /// No operator is available to answer.
     Nobody,
 }
 
-/// What was seen of a jog.
+/// Motion that the operator saw during a jog.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Seen {
     AsSaid,
-    /// As far as said, the other way.
+    /// The announced distance, in the opposite direction.
     OtherWay,
     /// Nothing moved.
     Nothing,
     /// This axis moved instead.
     Another(Axis),
-    /// The axis moved so far instead: mm or degrees, negative if it went the other way.
+    /// The axis moved by this distance instead: mm or degrees, negative in the opposite direction.
     Distance(f64),
-    /// It was not seen well: once more.
+    /// The operator did not see the motion clearly: repeat the jog.
     Again,
 }

@@ -1,4 +1,4 @@
-//! A reading: what came back from one step.
+//! A reading: the result of one step.
 
 use std::collections::BTreeMap;
 use std::str::FromStr;
@@ -25,7 +25,7 @@ impl Flag {
     pub const ALL: [Flag; 6] =
         [Self::None, Self::Range, Self::Saturated, Self::Stale, Self::Gap, Self::Excluded];
 
-    /// As it stands in files: empty for none.
+    /// The flag as written in files; empty for none.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::None => "",
@@ -69,8 +69,8 @@ pub struct Reading {
     pub temperatures_c: Temperatures,
 }
 
-/// °C by the name of the thermometer; one that said nothing is not in it. All samples of a scan share one,
-/// as there may be a million of them.
+/// Temperature, °C, by the name of the thermometer; a thermometer without a value is not contained. All samples of
+/// a scan share one map, because there may be a million of them.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(from = "BTreeMap<String, f64>", into = "BTreeMap<String, f64>")]
 pub struct Temperatures(Option<Arc<BTreeMap<String, f64>>>);
@@ -80,7 +80,7 @@ impl Temperatures {
         self.0.as_ref()?.get(name).copied()
     }
 
-    /// In the order of their names.
+    /// Names and temperatures, °C, in the order of the names.
     pub fn iter(&self) -> impl Iterator<Item = (&str, f64)> {
         self.0.iter().flat_map(|all| all.iter()).map(|(name, celsius)| (name.as_str(), *celsius))
     }

@@ -1,5 +1,5 @@
-//! A sensor that measures a distance without touching: where it is mounted, and what is declared about
-//! it. How it is reached is `sensors/`'s matter.
+//! A sensor that measures a distance without contact: its mounting and its declared properties. The connection to
+//! it is in `sensors/`.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,14 +11,14 @@ pub enum SensorKind {
     Displacement,
 }
 
-/// What carries a sensor, and with it the frame of its zero point and direction.
+/// Carrier of a sensor, which also defines the frame of its zero point and direction.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Mount {
-    /// From the spindle datum, spindle at S = 0.
+    /// Spindle: relative to the spindle datum, with the spindle at S = 0.
     #[default]
     Spindle,
-    /// Table frame: the machine frame when all axes stand at zero.
+    /// Table frame: the machine frame when all axes are at zero.
     Table,
     /// Machine frame.
     Bed,
@@ -30,7 +30,7 @@ impl Mount {
     }
 }
 
-/// One sensor as mounted.
+/// One mounted sensor.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Sensor {
     pub name: String,
@@ -38,33 +38,33 @@ pub struct Sensor {
     pub kind: SensorKind,
     #[serde(default, skip_serializing_if = "Mount::is_spindle")]
     pub mount: Mount,
-    /// Its zero point in the frame of its mount: nominal, it is found by measurement.
+    /// Zero point in the frame of the mount; nominal, because a measurement determines it.
     pub zero_mm: [f64; 3],
-    /// Unit vector along which its reading grows, away from it: nominal as well. The reading is the
-    /// distance from the zero point to the surface along it.
+    /// Unit vector along which the reading increases, away from the sensor; nominal as well. The reading is the
+    /// distance from the zero point to the surface along this vector.
     pub direction: [f64; 3],
-    /// Readings that mean something, least and greatest.
+    /// Valid range of the readings, minimum and maximum.
     pub range_mm: [f64; 2],
-    /// From its zero point back to its front face.
+    /// Distance from the zero point back to the front face of the sensor.
     #[serde(default)]
     pub stand_off_mm: f64,
-    /// Its body from the front face back along the direction, a cylinder. 0: not declared, and not
-    /// looked at.
+    /// Radius of the sensor's body, a cylinder from the front face back along the direction. 0: not declared, and
+    /// therefore not checked.
     #[serde(default)]
     pub body_radius_mm: f64,
     #[serde(default)]
     pub body_length_mm: f64,
-    /// Standard deviation of one sample, um. Absent: judged from the residuals alone.
+    /// Standard deviation of one sample, um. Absent: evaluated from the residuals alone.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub noise_um: Option<f64>,
-    /// Standard deviation of what its curve deviates from a straight line over its range, um.
+    /// Standard deviation of the linearity error over the range, um.
     #[serde(default)]
     pub linearity_um: f64,
-    /// What a surface adds that leans by 45°, um: standard deviation of a part that goes as the squared
-    /// tangent of its lean, and of one along each of two directions across, as the tangent.
+    /// Error at a surface inclined by 45°, um: standard deviation of a part that grows with the squared tangent of the
+    /// inclination, and of a part along each of two transverse directions that grows with the tangent.
     #[serde(default)]
     pub incidence_um: f64,
-    /// Samples at a greater angle between beam and surface normal are not used.
+    /// Maximum angle between beam and surface normal; samples at a greater angle are not used.
     #[serde(default = "default_incidence")]
     pub incidence_limit_deg: f64,
 }

@@ -1,28 +1,28 @@
-//! Where the axes stood while they moved, as the control itself has stamped it.
+//! Positions of the axes during a motion, as the control has stamped them.
 
 use crate::{Axis, Position};
 
-/// Positions with their times. Between two of them that follow each other the axes stood on the straight
-/// line; where the control says that some are missing nobody knows.
+/// Positions with their times. Between two consecutive positions, the axes were on the straight line; where the
+/// control reports missing positions, the path is unknown.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Track {
     axes: Vec<Axis>,
-    /// Of the devices' clock, s; rising.
+    /// Times on the devices' clock, s; increasing.
     times_s: Vec<f64>,
-    /// One after the other, each as many as there are axes; mm or rad.
+    /// The positions in sequence, each with one value per axis; mm or rad.
     values: Vec<f64>,
-    /// Numbers of the positions before which some are missing; rising.
+    /// Indices of the positions before which some are missing; increasing.
     gaps: Vec<usize>,
 }
 
 impl Track {
-    /// Empty, of these axes.
+    /// Empty track of these axes.
     pub fn of(axes: Vec<Axis>) -> Self {
         Self { axes, ..Self::default() }
     }
 
-    /// The next position: a value for each axis, in their order, mm or rad. One that is not later than the
-    /// last is left out.
+    /// Appends a position: a value for each axis, in their order, mm or rad. A position that is not later than the
+    /// last one is dropped.
     pub fn push(&mut self, t_s: f64, values: impl IntoIterator<Item = f64>) {
         if self.times_s.last().is_some_and(|last| *last >= t_s) {
             return self.gap();
@@ -37,7 +37,7 @@ impl Track {
         }
     }
 
-    /// Some are missing before the next one.
+    /// Records that positions are missing before the next one.
     pub fn gap(&mut self) {
         let next = self.times_s.len();
         if next > 0 && self.gaps.last() != Some(&next) {
@@ -45,17 +45,17 @@ impl Track {
         }
     }
 
-    /// How many positions.
+    /// Number of positions.
     pub fn positions(&self) -> usize {
         self.times_s.len()
     }
 
-    /// How often positions are missing between its first and its last.
+    /// Number of gaps between the first and the last position.
     pub fn gaps(&self) -> usize {
         self.gaps.iter().filter(|gap| **gap < self.positions()).count()
     }
 
-    /// Where the axes stood; `None` before the first position, after the last, and in a gap.
+    /// Position of the axes at time `t_s`; `None` before the first position, after the last, and in a gap.
     pub fn at(&self, t_s: f64) -> Option<Position> {
         let after = self.times_s.partition_point(|time| *time < t_s);
         let (late_s, late) = (*self.times_s.get(after)?, self.number(after)?);
@@ -71,8 +71,8 @@ impl Track {
         Some(self.position(early.iter().zip(late).map(|(from, to)| from + part * (to - from))))
     }
 
-    /// From the last position within `still` (mm or rad) of the first one to the first that lies so near
-    /// the last one: when the axes set out and when they arrived. `None`: they did not move.
+    /// Times at which the axes started and arrived: of the last position within `still` (mm or rad) of the first
+    /// one, and of the first position that is as near to the last one. `None` if the axes did not move.
     pub fn moving_s(&self, still: f64) -> Option<(f64, f64)> {
         let (first, last) = (self.number(0)?, self.number(self.positions().checked_sub(1)?)?);
         let near = |number: usize, stands: &[f64]| {
@@ -84,7 +84,7 @@ impl Track {
         Some((*self.times_s.get(set_out)?, *self.times_s.get(stands_from)?))
     }
 
-    /// How many of `points` it comes so near to (mm or rad), one after the other.
+    /// Number of `points` that the track reaches in sequence, each within `near` (mm or rad).
     pub fn reaches(&self, points: &[Position], near: f64) -> usize {
         let mut reached = 0;
         for values in self.values.chunks_exact(self.axes.len().max(1)) {

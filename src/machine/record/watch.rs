@@ -1,51 +1,51 @@
-//! Sensors that are read while a prompt waits: as the plan names them, and what they read.
+//! Sensors that are read while a prompt waits: their declaration in the plan, and their values.
 
 use serde::{Deserialize, Serialize};
 
 use super::sensor::Sensor;
 
-/// A sensor of a prompt: it is read while the person works. None of these values is a reading of the run.
+/// A sensor of a prompt: it is read while the operator works. None of these values is a reading of the run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct WatchedSensor {
     pub sensor: String,
-    /// Its value once the person has done what the prompt asks for.
+    /// Value after the operator has done what the prompt requires.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target_mm: Option<f64>,
-    /// Of a radial sensor with a target: what its deviation from the target says of the artefact's place.
+    /// For a radial sensor with a target: the section whose position its deviation shows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub section: Option<SectionSensor>,
 }
 
-/// Where a radial sensor measures a round artefact.
+/// Point of a round artefact at which a radial sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct SectionSensor {
     /// Number of the section, from 1.
     pub number: usize,
     pub z_mm: f64,
-    /// From the axis to the sensor, counter-clockwise from +X, machine frame.
+    /// Direction from the axis to the sensor, counter-clockwise from +X, machine frame.
     pub angle_deg: f64,
 }
 
 impl WatchedSensor {
-    /// Without a target.
+    /// A watched sensor without a target.
     pub fn new(sensor: &str) -> Self {
         Self { sensor: sensor.to_owned(), target_mm: None, section: None }
     }
 
-    /// To be set to the middle of its range.
+    /// A watched sensor whose target is the middle of its range.
     pub fn at_mid_range(sensor: &Sensor) -> Self {
         let [least, greatest] = sensor.range_mm;
         Self { target_mm: Some((least + greatest) / 2.0), ..Self::new(&sensor.name) }
     }
 }
 
-/// What the watched sensors of a prompt read.
+/// Values of the watched sensors of a prompt.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct LiveValues {
     pub sensors: Vec<LiveSensor>,
-    /// By their numbers, from 1.
+    /// Sections by their numbers, from 1.
     pub sections: Vec<LiveSection>,
-    /// Slope of the line through the centres of two sections along X and Y.
+    /// Slope of the line through the centres of two sections, along X and Y.
     pub tilt_urad: Option<[f64; 2]>,
 }
 
@@ -54,7 +54,7 @@ pub struct LiveSensor {
     pub sensor: String,
     pub range_mm: [f64; 2],
     pub target_mm: Option<f64>,
-    /// Null: `failure` says why.
+    /// Measured value; null if the sensor failed, with the reason in `failure`.
     pub value_mm: Option<f64>,
     pub failure: Option<String>,
 }
@@ -62,17 +62,17 @@ pub struct LiveSensor {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct LiveSection {
     pub number: usize,
-    /// From the axis to the centre of the section along X and Y. Null: its sensors do not determine it.
+    /// Distance from the axis to the centre of the section along X and Y. Null: its sensors do not determine it.
     pub eccentricity_um: Option<[f64; 2]>,
 }
 
 impl LiveSensor {
-    /// Change of its value that is still needed.
+    /// Remaining change of the value to the target.
     pub fn to_target_um(&self) -> Option<f64> {
         Some((self.target_mm? - self.value_mm?) * 1e3)
     }
 
-    /// Where a distance lies in the range: 0 at its least, 1 at its greatest value.
+    /// Relative position of a distance in the range: 0 at the minimum, 1 at the maximum.
     pub fn range_share(&self, mm: f64) -> f64 {
         let [least, greatest] = self.range_mm;
         ((mm - least) / (greatest - least)).clamp(0.0, 1.0)

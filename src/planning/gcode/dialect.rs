@@ -12,15 +12,15 @@ use machine::record::motion::Motion;
 
 static TEMPLATES: Dir<'_> = include_dir!("$CARGO_MANIFEST_DIR/../../gcode-templates");
 
-/// The languages that have a reader.
+/// Languages that have a reader.
 const LANGUAGES: [&str; 1] = ["rs274"];
 
-/// A probe that was switched on is ready after this time; the heads of controls that are sent line
-/// by line wait as long.
+/// Time after which a probe that was switched on is ready, s; the heads of dialects whose control receives the text
+/// line by line wait as long.
 const PROBE_WAKES_S: f64 = 1.0;
 
-/// One way of writing programs: words, decimals and a template for each neutral motion. A motion
-/// without a template is one that the control cannot do.
+/// Format of programs for one control: words, decimals and a template for each neutral motion. If a motion has no
+/// template, the control cannot execute it.
 #[derive(Debug, Clone)]
 pub struct Dialect {
     pub(super) spec: Spec,
@@ -29,10 +29,10 @@ pub struct Dialect {
 }
 
 impl Dialect {
-    /// The dialect of this name.
+    /// Loads the dialect of this name.
     ///
     /// # Errors
-    /// An unknown name (the error lists the known ones) or a folder that is not whole.
+    /// The name is unknown (the error lists the known names), or the folder is not complete.
     pub fn named(name: &str) -> Result<Self, DialectError> {
         let folder = TEMPLATES
             .get_dir(name)
@@ -70,16 +70,16 @@ impl Dialect {
         &self.spec.name
     }
 
-    /// How a program's file name ends, without the dot.
+    /// File extension of programs, without the dot.
     pub fn extension(&self) -> &str {
         &self.spec.extension
     }
 
-    /// This dialect with what `machine` and `probe` declare.
+    /// Returns this dialect with the options that `machine` and `probe` declare.
     ///
     /// # Errors
-    /// A word that is more or less than one M word, that means something else already or two things
-    /// at once; an input that this control does not name so.
+    /// A command is not exactly one M word, already has another meaning, or has two meanings; an input has a name
+    /// that this control does not use.
     pub fn with(mut self, machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
         let options = Options::new(machine, probe)?;
         self.spec.inputs.check("[probe] error_input", options.error_input.as_deref())?;
@@ -88,8 +88,8 @@ impl Dialect {
         Ok(self)
     }
 
-    /// The same without the word that switches the probe off: for a control that gets a program a
-    /// block, and the last word in a program of its own.
+    /// Returns the same dialect without the command that switches the probe off: for a control that receives one
+    /// program per block, and the command that switches the probe off in a program of its own.
     pub fn keeping_probe_on(&self) -> Self {
         let mut same = self.clone();
         same.options.probe_off = None;
@@ -104,21 +104,21 @@ impl Dialect {
         self.options.probe_off.is_some()
     }
 
-    /// How long after the head what it switches is ready, s; `None`: it switches nothing.
+    /// Time after the head until the switched devices are ready, s; `None` if the head switches nothing.
     pub fn wakes_s(&self) -> Option<f64> {
         let probe = self.options.probe_on.iter().map(|_| PROBE_WAKES_S);
         let clamps = self.options.clamps.values().map(|clamp| clamp.wait_s);
         probe.chain(clamps).reduce(f64::max)
     }
 
-    /// How long the clamps rest in the lines of `motion`, s.
+    /// Total waiting time of the clamps in the lines of `motion`, s.
     pub fn clamps_rest_s(&self, motion: &Motion) -> f64 {
         let Motion::Rapid { to } = motion else { return 0.0 };
         let moved = self.options.clamps.iter().filter(|(axis, _)| to.get(**axis).is_some());
         moved.map(|(_, clamp)| 2.0 * clamp.wait_s).sum()
     }
 
-    /// The inputs that tell of the probe's health, and what each says when it is on.
+    /// Inputs that report the state of the probe, and the fault that each reports when it is on.
     pub fn health_inputs(&self) -> impl Iterator<Item = (&str, ProbeFault)> {
         let inputs = [
             (&self.options.error_input, ProbeFault::Error),

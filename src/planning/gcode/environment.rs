@@ -1,11 +1,11 @@
-//! The template environment. Every number passes the filter `num`; the formatter refuses a bare one.
+//! The template environment. Every number must pass the filter `num`; the formatter refuses any other number.
 
 use minijinja::value::Value;
 use minijinja::{Environment, Error, ErrorKind, Output, State, UndefinedBehavior};
 
 use super::error::RenderError;
 
-/// Strict undefined; `num` is the only way in which a number gets into a program.
+/// Environment with strict undefined names; `num` is the only way to print a number in a program.
 pub(super) fn environment() -> Environment<'static> {
     let mut environment = Environment::new();
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
@@ -22,7 +22,7 @@ fn no_bare_number(out: &mut Output, state: &mut State, value: &Value) -> Result<
     minijinja::escape_formatter(out, state, value)
 }
 
-/// Fixed decimals, no minus before a zero; an error for what is not finite.
+/// Fixed number of decimals, no minus before a zero; an error if the value is not finite.
 fn num(value: f64, decimals: usize) -> Result<String, Error> {
     if !value.is_finite() {
         return Err(Error::new(ErrorKind::InvalidOperation, "not finite")

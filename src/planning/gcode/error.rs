@@ -1,9 +1,9 @@
-//! What can go wrong between motion and text.
+//! Errors between motion and text.
 
 use super::rs274::ReadError;
 use machine::Axis;
 
-/// A dialect that is not there or not whole.
+/// Error: a dialect is missing or incomplete.
 #[derive(Debug, thiserror::Error)]
 pub enum DialectError {
     #[error("no dialect is called `{name}`; there are {}", known.join(", "))]
@@ -15,7 +15,7 @@ pub enum DialectError {
 }
 
 impl DialectError {
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::Unknown { .. } => "choose one of them in [controller] dialect",
@@ -28,7 +28,7 @@ impl DialectError {
     }
 }
 
-/// A block that has no text in this dialect.
+/// Error: a block cannot be rendered in this dialect.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RenderError {
     #[error("a value is {0}, not a number that a control can be given")]
@@ -46,7 +46,7 @@ pub enum RenderError {
 }
 
 impl RenderError {
-    /// What to do next. Nothing has been sent.
+    /// What the operator should do next. Nothing has been sent.
     pub fn remedy(&self) -> String {
         match self {
             Self::Unsupported { what: "orient", .. } => {
@@ -68,7 +68,7 @@ impl RenderError {
     }
 }
 
-/// The text does not say what was meant.
+/// Error: the text does not agree with the motions that it was rendered from.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Disagreement {
     #[error("the program cannot be read back: {0}")]

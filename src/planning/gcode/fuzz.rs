@@ -1,4 +1,4 @@
-//! Any text as a program.
+//! Fuzz tests: arbitrary text as a program.
 
 use super::rs274::{self, ReadMotion};
 use testing::fuzz::fuzz;

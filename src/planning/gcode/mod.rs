@@ -1,8 +1,8 @@
-//! Neutral motion to the text of a control, and back.
+//! Renders neutral motions as text for a control, and reads the text back.
 //!
-//! A *dialect* is a folder in `gcode-templates/` ([`Dialect`]); adding one needs no Rust. A
-//! *language* is a reader ([`rs274`]); what a dialect rendered can be read back and compared with
-//! the motion that was meant ([`Dialect::proves`]).
+//! A *dialect* is a folder in `gcode-templates/` ([`Dialect`]); a new dialect needs no Rust. A *language* is a
+//! reader ([`rs274`]): the text that a dialect has rendered can be read back and compared with the intended motions
+//! ([`Dialect::proves`]).
 
 mod dialect;
 mod environment;

@@ -1,6 +1,6 @@
-//! What a machine adds to its dialect: words of the control's own that switch probe and clamps,
-//! inputs that tell of the probe's health. They come from the machine file; a word that is not
-//! declared there is refused by the reader like any other that it does not understand.
+//! Options that a machine adds to its dialect: commands that switch probe and clamps, inputs that report the state
+//! of the probe. They come from the machine file; the reader refuses an undeclared command like any other that it
+//! does not understand.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use super::rs274::{Declared, Switch};
 use machine::record::machine::{Clamp, Machine, Probe};
 use machine::{Axis, Position};
 
-/// None of it: the plain dialect.
+/// Options of a machine; the default is the plain dialect.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Options {
     pub(super) probe_on: Option<String>,
@@ -22,7 +22,7 @@ pub(super) struct Options {
     pub(super) declared: Declared,
 }
 
-/// What a probe says of itself.
+/// Fault that a probe reports.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ProbeFault {
     Error,
@@ -37,7 +37,7 @@ impl ProbeFault {
         }
     }
 
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(self) -> &'static str {
         match self {
             Self::Error => "look at the probe and its receiver: is it on, in sight and undamaged?",
@@ -50,8 +50,7 @@ impl ProbeFault {
 
 impl Options {
     /// # Errors
-    /// A word that is more or less than one M word, that means something else already or two things
-    /// at once.
+    /// A command is not exactly one M word, already has another meaning, or has two meanings.
     pub(super) fn new(machine: &Machine, probe: &Probe) -> Result<Self, DialectError> {
         let axes = machine.axes.iter();
         let clamps = axes.filter_map(|(axis, spec)| Some((*axis, spec.clamp.clone()?))).collect();
@@ -90,8 +89,8 @@ impl Options {
         Ok(())
     }
 
-    /// For every template: `probe_on`, `probe_off`, `error_input`, `battery_input` where they are
-    /// declared; `clamps` (`open`, `close`, `wait_s`) of the axes that `to` moves, of all without it.
+    /// Names for every template: `probe_on`, `probe_off`, `error_input`, `battery_input` if they are declared;
+    /// `clamps` (`open`, `close`, `wait_s`) of the axes that `to` moves, or of all axes without `to`.
     pub(super) fn names(&self, to: Option<&Position>) -> Vec<(&'static str, Value)> {
         let texts = [
             ("probe_on", &self.probe_on),

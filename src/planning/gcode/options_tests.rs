@@ -1,4 +1,4 @@
-//! What a machine adds to its dialect, in both of them.
+//! Options that a machine adds to its dialect, in both dialects.
 
 use serde_json::json;
 
@@ -135,7 +135,7 @@ fn words_that_are_no_switches_are_refused_with_their_key() {
     ] {
         let probe = Probe { on: Some(word.to_owned()), ..probe("0", "1") };
         let refused = Dialect::named("linuxcnc").unwrap().with(&machine(), &probe).unwrap_err();
-        // `off` comes later, so that the second of two equal words is the one refused.
+        // `off` comes later, so of two equal words the second one is refused.
         let key = if word == "m65 p1" { "[probe] off = " } else { "[probe] on = " };
         let text = refused.to_string();
         assert!(text.starts_with(key) && text.contains(why), "{word}: {text}");

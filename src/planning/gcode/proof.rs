@@ -1,4 +1,4 @@
-//! Rendered text read back and compared with what was meant.
+//! Reads rendered text back and compares it with the intended motions.
 
 use std::f64::consts::TAU;
 
@@ -8,11 +8,11 @@ use super::rs274::{self, Frame, Kind, ReadError, ReadMotion};
 use machine::Axis;
 use machine::record::motion::{Block, Motion};
 
-/// Half a unit of the third decimal, in which feeds, seconds and orientations are written.
+/// Half a unit of the third decimal, plus rounding; feeds, seconds and orientations have three decimals.
 const THIRD_DECIMAL: f64 = 0.000_501;
 
 impl Dialect {
-    /// The motions of `text`, which this dialect rendered, as its control will understand them.
+    /// Motions of `text`, which this dialect has rendered, as its control will understand them.
     ///
     /// # Errors
     /// The first line that is not understood.
@@ -20,8 +20,8 @@ impl Dialect {
         rs274::read_with(text, Some(&self.spec.work_offset), &self.options.declared)
     }
 
-    /// How far a position may be from the one that was meant, mm or rad: half a unit of the last
-    /// decimal, and a little for the decimal fraction itself.
+    /// Maximum difference between a position and the intended one, mm or rad: half a unit of the last decimal, and
+    /// a small allowance for the decimal fraction itself.
     pub fn rounding(&self, axis: Axis) -> f64 {
         let decimals = match axis {
             Axis::S => return axis.from_edge(THIRD_DECIMAL),
@@ -31,11 +31,11 @@ impl Dialect {
         axis.from_edge(0.501 * 0.1_f64.powi(decimals as i32))
     }
 
-    /// Does `text`, a whole program, say exactly what `blocks` mean? Targets to half a unit of the
-    /// last decimal, every one of them in machine coordinates.
+    /// Checks that `text`, a whole program, means exactly the motions of `blocks`. Targets agree to half a unit of
+    /// the last decimal, all in machine coordinates.
     ///
     /// # Errors
-    /// The first line that cannot be read or means something else.
+    /// The first line that cannot be read or has another meaning.
     pub fn proves(&self, text: &str, blocks: &[Block]) -> Result<(), Disagreement> {
         let read = self.read_back(text)?;
         let meant = blocks.iter().map(|block| block.motions.len()).sum();
@@ -51,10 +51,10 @@ impl Dialect {
         Ok(())
     }
 
-    /// Do the motions that were read say exactly what these motions of a step mean?
+    /// Checks that the read motions mean exactly the motions of one step.
     ///
     /// # Errors
-    /// The first that means something else.
+    /// The first motion that has another meaning.
     pub(crate) fn says(
         &self,
         step: u32,

@@ -1,4 +1,4 @@
-//! Templates to lines.
+//! Renders templates to lines.
 
 use std::error::Error as _;
 use std::f64::consts::TAU;
@@ -12,14 +12,14 @@ use minijinja::value::Value;
 
 const MAX_N: u32 = 99_999;
 
-/// What head and foot need to know.
+/// Inputs of head and foot.
 #[derive(Debug, Clone, Copy)]
 pub struct Program<'a> {
-    /// A comment for the person who reads the program.
+    /// A comment for the reader of the program.
     pub title: &'a str,
     /// The machine's axes.
     pub axes: &'a [Axis],
-    /// Absolute path of the file that takes the results, where the control writes one itself.
+    /// Absolute path of the results file, on a control that writes one itself.
     pub log: Option<&'a str>,
 }
 
@@ -34,10 +34,10 @@ impl Dialect {
         frame(self, "foot", program)
     }
 
-    /// The lines of one block; the N words carry the step's id.
+    /// The lines of one block; the N words contain the step's id.
     ///
     /// # Errors
-    /// A value that is not finite, an axis without a word, a motion that the control cannot do.
+    /// A value is not finite, an axis has no word, or the control cannot execute the motion.
     pub fn block(&self, block: &Block) -> Result<Vec<String>, RenderError> {
         if block.step > MAX_N {
             return Err(RenderError::StepTooLarge(block.step));
@@ -54,10 +54,10 @@ impl Dialect {
         Ok(all)
     }
 
-    /// The lines that show `text` to a person and wait until somebody starts the program again.
+    /// Lines that show `text` to the operator and wait until the operator starts the program again.
     ///
     /// # Errors
-    /// A control that cannot wait so.
+    /// The control has no such stop.
     pub fn ask(&self, step: u32, text: &str) -> Result<Vec<String>, RenderError> {
         if step > MAX_N {
             return Err(RenderError::StepTooLarge(step));
@@ -76,7 +76,7 @@ impl Dialect {
     }
 }
 
-/// What a template may use; a name that is not there is undefined, and thereby refused.
+/// Names that a template may use; any other name is undefined, and therefore refused.
 type Names = Vec<(&'static str, Value)>;
 
 fn frame(
@@ -93,14 +93,14 @@ fn frame(
     lines(dialect, template, names)
 }
 
-/// A bracket or a percent sign would end the comment or the program.
+/// Removes characters such as a bracket or a percent sign, which would end the comment or the program.
 fn harmless(text: &str) -> String {
     let plain = |c: char| c.is_ascii_alphanumeric() || " .,:_/+-".contains(c);
     text.chars().map(|c| if plain(c) { c } else { ' ' }).collect()
 }
 
-/// The template for a motion and what it has to say: `to` (axis words), `feed` (mm/min), `s_deg`
-/// (0 to 360), `seconds`; with `to` what the machine adds (`options`).
+/// Template of a motion and its names: `to` (axis words), `feed` (mm/min), `s_deg` (0 to 360), `seconds`; with
+/// `to`, also the machine's options (`options`).
 fn motion_names(dialect: &Dialect, motion: &Motion) -> Result<(&'static str, Names), RenderError> {
     let moving = |template, to: &Position, feed: Option<f64>| {
         let mut names = vec![("to", words(dialect, to)?)];
@@ -156,7 +156,7 @@ fn lines(
     Ok(text.lines().map(str::to_owned).collect())
 }
 
-/// The filter's own error, if it is the cause.
+/// The error of the filter `num`, if it is the cause.
 fn typed(template: &str, error: &Error) -> RenderError {
     let mut cause = error.source();
     while let Some(inner) = cause {

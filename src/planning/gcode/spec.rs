@@ -1,29 +1,29 @@
-//! `dialect.toml`: what a dialect's folder states beside its templates.
+//! `dialect.toml`: the settings of a dialect's folder, in addition to its templates.
 
 use serde::Deserialize;
 
 use super::error::DialectError;
 use machine::Axis;
 
-/// `dialect.toml`.
+/// Contents of `dialect.toml`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Spec {
     pub name: String,
     pub language: String,
-    /// How a file's name ends, without the dot.
+    /// File extension of programs, without the dot.
     pub extension: String,
     pub decimals_mm: usize,
     pub decimals_deg: usize,
-    /// Axes that have a word.
+    /// Axes that the dialect has a word for.
     pub axes: Vec<Axis>,
-    /// The slot in which the programs work: there, work coordinates are machine coordinates.
+    /// Work offset slot of the programs: there, work coordinates equal machine coordinates.
     pub work_offset: String,
     #[serde(default)]
     pub inputs: Inputs,
 }
 
-/// How a control names inputs that the machine file may refer to.
+/// Form of the names of the control's inputs in the machine file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub(super) enum Inputs {

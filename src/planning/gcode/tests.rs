@@ -11,7 +11,7 @@ fn at(words: &[(Axis, f64)]) -> Position {
     words.iter().map(|(axis, edge)| (*axis, axis.from_edge(*edge))).collect()
 }
 
-/// What a measurement says, with values that are awkward to print.
+/// Motions of a measurement, with values that are hard to format.
 fn blocks(orient: bool) -> Vec<Block> {
     use Axis::*;
     let mut first = vec![

@@ -1,4 +1,4 @@
-//! How a control receives text, and the text of blocks as it is sent.
+//! Transmission of text to a control, and the text of blocks in the form in which it is sent.
 
 use super::dialect::Dialect;
 use super::error::RenderError;
@@ -6,45 +6,45 @@ use super::render::Program;
 use machine::Axis;
 use machine::record::motion::{Block, Motion};
 
-/// How a control receives blocks. The driver states it; what is proven is what is sent so.
+/// Form in which a control receives blocks. The driver declares it; the proof reads exactly the text that is sent.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Transmission {
-    /// Single lines, each shorter than `max_line_bytes`. The modes that the head sets hold until the foot.
+    /// Single lines, each shorter than `max_line_bytes`. The modes that the head sets remain active until the foot.
     Lines { max_line_bytes: usize },
-    /// A program with a head and a foot for each part of a block; a part ends after a back-off, since the
-    /// probe must read open before anything else moves. The control writes its results to the file `log`.
+    /// A program with a head and a foot for each part of a block. A part ends after a back-off, because the probe
+    /// must read open before the next move. The control writes its results to the file `log`.
     Programs { log: String },
-    /// Rows of a table that a resident program executes: the motions as they are read from the text.
+    /// Rows of a table that a program in the control executes: the motions as read back from the text.
     Rows,
 }
 
-/// What is sent at once: the lines of one motion, or one program.
+/// Text that is sent at once: the lines of one motion, or one program.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Unit {
     pub motions: Vec<Motion>,
     /// Each line ends with a newline.
     pub text: String,
-    /// Time that clamps rest in it, s.
+    /// Total waiting time of the clamps in the unit, s.
     pub clamps_rest_s: f64,
 }
 
-/// Blocks as they are sent.
+/// Blocks in the form in which they are sent.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Transmitted {
     /// The units of each block.
     pub blocks: Vec<Vec<Unit>>,
-    /// The programs that a reader must read, each from an unknown state: all of the text, in the order in
-    /// which it is sent.
+    /// The programs that a reader must read, each from an unknown state: the whole text, in the order of
+    /// transmission.
     pub programs: Vec<String>,
-    /// Lines of the programs before the first unit.
+    /// Number of lines of the programs before the first unit.
     pub head_lines: usize,
 }
 
 impl Dialect {
-    /// The text of `blocks` as `transmission` sends it.
+    /// Renders the text of `blocks` for `transmission`.
     ///
     /// # Errors
-    /// What cannot be written.
+    /// A block cannot be rendered.
     pub(crate) fn transmitted(
         &self,
         transmission: &Transmission,
@@ -57,7 +57,7 @@ impl Dialect {
         }
     }
 
-    /// One program; a unit for each motion.
+    /// Renders one program, with a unit for each motion.
     fn as_lines(&self, axes: &[Axis], blocks: &[Block]) -> Result<Transmitted, RenderError> {
         let program = Program { title: "stage", axes, log: None };
         let mut text = joined(self.head(&program)?);
@@ -79,7 +79,7 @@ impl Dialect {
         Ok(Unit { motions, text: joined(lines), clamps_rest_s: self.clamps_rest_s(motion) })
     }
 
-    /// A program for each part of a block. The probe stays on from program to program.
+    /// Renders a program for each part of a block. The probe stays on from program to program.
     fn as_programs(
         &self,
         axes: &[Axis],

@@ -1,13 +1,13 @@
-//! Artefacts of several balls, in cases whose clearances are known by hand.
+//! Proofs for artefacts of several balls, in cases whose clearances are computed by hand.
 
 use serde_json::{Value, json};
 
 use super::tests::{beside, proven_from};
 use super::*;
 
-/// Stylus ball of 3 mm on a stem of 1 mm, the probe's body of 20 mm 100 mm above it. Ball 1 of 10 mm
-/// stands 60 mm over the origin, ball 2 beside it; each on a stem of 4 mm, known to 0.5 mm. The step
-/// touches ball 1 from +X, where the stylus ball meets it at 13 mm.
+/// Stylus ball of 3 mm radius on a stem of 1 mm radius; the probe body, 20 mm in radius, is 100 mm above it. Ball
+/// 1, of 10 mm radius, is 60 mm above the origin, ball 2 is beside it; each on a stem of 4 mm radius, with an
+/// uncertainty of 0.5 mm. The step touches ball 1 from +X, where the stylus ball meets it at 13 mm.
 fn plan(change: impl FnOnce(&mut Value)) -> Plan {
     let linear = json!({"min": -300.0, "max": 300.0, "acceleration_per_s2": 1000.0});
     let rotary = json!({"min": -360.0, "max": 360.0});
@@ -41,7 +41,7 @@ fn with_third(change: impl FnOnce(&mut Value)) -> Plan {
     })
 }
 
-/// The touch from one X to another, and the program for it.
+/// Plan with the touch from one X to another, and its program.
 fn way(from: f64, to: f64) -> (Plan, String) {
     let lines = format!(
         "N0 G53 G0 X{from}\nN0 G38.3 Z180 F1500\nN0 G38.3 X{to} F30\nN0 G53 G1 X{from} F300\n\
@@ -75,8 +75,8 @@ const TOUCH: usize = 6;
 #[test]
 fn a_touch_of_one_ball_among_others_is_proven() {
     let proof = proven(&plan(|_| {})).unwrap();
-    // At contact the stem of the stylus is the ball's radius less its own away; it goes 0.1 mm of
-    // pre-travel and as much further as a ball 0.5 mm aside lets it: 13 − √(13² − 0.5²) = 0.01 mm.
+    // At contact, the distance of the stylus stem is the stylus ball's radius minus its own radius. The ball moves
+    // on by 0.1 mm of pre-travel, and by the amount that a ball 0.5 mm aside allows: 13 − √(13² − 0.5²) = 0.01 mm.
     let nearest = proof.nearest.unwrap();
     assert_eq!(nearest.between, ["stylus stem", "ball 1"]);
     assert!((nearest.clearance_mm - 1.88).abs() < 0.04, "{nearest:?}");
@@ -90,14 +90,14 @@ fn a_touch_of_one_ball_among_others_is_proven() {
 #[test]
 fn a_ball_is_met_wherever_it_stands_and_on_the_side_that_the_step_says() {
     let result = |(plan, lines): (Plan, String)| proven_from(&plan, &lines, Some(&beside()));
-    // 13 − 0.5.
+    // Limit of the end: contact at 13 mm minus the uncertainty of 0.5 mm.
     assert!(result(way(15.0, 12.49)).is_ok());
     let refusal = result(way(15.0, 12.51)).unwrap_err();
     let body = "ball 1".to_owned();
     assert_eq!(refusal.line, TOUCH);
     assert_eq!(refusal.reason, Reason::Misses { body: body.clone(), uncertainty: 0.5 });
     assert_eq!(result(way(17.0, 13.01)).unwrap_err().reason, Reason::NoContact);
-    // 13 + 0.5.
+    // Limit of the start: contact at 13 mm plus the uncertainty of 0.5 mm.
     assert!(result(way(13.51, 11.0)).is_ok());
     let refusal = result(way(13.49, 11.0)).unwrap_err();
     assert_eq!(refusal.line, DOWN, "{refusal}");
@@ -113,23 +113,23 @@ fn a_ball_is_met_wherever_it_stands_and_on_the_side_that_the_step_says() {
         other => panic!("{other}"),
     }
     assert!(matches!(normal(26.0).unwrap_err().reason, Reason::NotAimed { .. }));
-    // A plan that does not say from which side.
+    // A plan without a touch direction.
     let none = plan(|plan| plan["steps"][0]["normal"] = json!([0.0, 0.0, 0.0]));
     assert!(matches!(proven(&none).unwrap_err().reason, Reason::NotAimed { .. }));
 }
 
-/// The other balls and stems are strangers: half a millimetre beside the full length of the touch,
-/// and their uncertainty.
+/// The touch must avoid the other balls and stems: its full length stays half a millimetre, plus their uncertainty,
+/// away from them.
 #[test]
 fn a_touch_stays_clear_of_other_balls_and_stems() {
     let at = |y: f64| with_third(|third| third["centre_mm"] = json!([13.0, y, 60.0]));
-    // 10 + 3 + 0.5 + 0.5.
+    // Limit: the radii (10 + 3 mm), the uncertainty (0.5 mm) and the clearance (0.5 mm).
     assert!(proven(&at(14.01)).is_ok());
     let said = assert_near(&at(13.99), TOUCH, ["stylus ball", "ball 3"]);
     assert!(said.contains("0.50 mm are kept"), "{said}");
-    // The approach at X = 15, which feels it, keeps the uncertainty: √(2² + 13.3²) < 10 + 3 + 0.5.
+    // The approach at X = 15, which the probe detects, keeps the uncertainty only: √(2² + 13.3²) < 10 + 3 + 0.5.
     assert_near(&at(13.3), DOWN, ["stylus ball", "ball 3"]);
-    // A stem that lies across and ends 3 + 0.5 + 0.5 before the touch's line.
+    // A horizontal stem that ends 3 + 0.5 + 0.5 mm before the line of the touch.
     let lying = |length: f64| {
         with_third(|third| {
             third["centre_mm"] = json!([13.0, 40.0, 60.0]);
@@ -141,21 +141,21 @@ fn a_touch_stays_clear_of_other_balls_and_stems() {
     assert_near(&lying(36.01), TOUCH, ["stylus ball", "stem of ball 3"]);
 }
 
-/// The stem of the ball that is touched rides with it: contact stops the stylus ball before it.
+/// The stem of the touched ball moves with the ball: contact stops the stylus ball before the stem.
 #[test]
 fn the_own_stem_is_looked_at_as_far_as_contact_lets_the_ball_come() {
     let thick =
         |radius: f64| plan(|plan| plan["artefact"]["balls"][0]["stem_radius_mm"] = radius.into());
-    // 13 − 0.11 − 3; not 11 − 3.
+    // Limit of the stem's radius: 13 − 0.11 − 3 mm at contact, not 11 − 3 mm at the end of the touch.
     assert!(proven(&thick(9.8)).is_ok());
     assert_near(&thick(9.95), TOUCH, ["stylus ball", "stem of ball 1"]);
 }
 
-/// What the stylus does not feel keeps half a millimetre from balls as from all else.
+/// Parts that the probe does not detect stay half a millimetre away from balls as from everything else.
 #[test]
 fn the_body_of_the_probe_feels_no_ball() {
     let high = |y: f64| with_third(|third| third["centre_mm"] = json!([15.0, y, 170.0]));
-    // 20 + 10 + 0.5 + 0.5.
+    // Limit: the radii (20 + 10 mm), the uncertainty (0.5 mm) and the clearance (0.5 mm).
     assert!(proven(&high(31.01)).is_ok());
     assert_near(&high(30.99), DOWN, ["probe body", "ball 3"]);
 }
@@ -166,7 +166,7 @@ fn guarded_ways_round_a_ball_are_free_and_through_one_are_not() {
         let lines = way(15.0, 11.0).1.replacen("N0 G38.3 Z300", &format!("{more}N0 G38.3 Z300"), 1);
         proven_from(&plan(|_| {}), &lines, Some(&beside()))
     };
-    // Round at the height of the touch, and over the top: 60 + 10 + 3 + 0.5 for the tip, 120 for Z.
+    // Round the ball at the height of the touch, and over its top: 60 + 10 + 3 + 0.5 for the tip, plus 120 for Z.
     assert!(go("N0 G38.3 Y15 F1500\nN0 G38.3 X-15 F1500\nN0 G38.3 Y0 F1500\n").is_ok());
     assert!(go("N0 G38.3 Z193.51 F1500\nN0 G38.3 X-15 F1500\n").is_ok());
     let line = |more: &str| {
@@ -176,9 +176,9 @@ fn guarded_ways_round_a_ball_are_free_and_through_one_are_not() {
     };
     assert_eq!(line("N0 G38.3 Z193.49 F1500\nN0 G38.3 X-15 F1500\n"), 9);
     assert_eq!(line("N0 G38.3 X-15 F1500\n"), 8);
-    // Under the ball there is the stem.
+    // The stem is under the ball.
     assert_eq!(line("N0 G38.3 X20 F1500\nN0 G38.3 Z150 F1500\nN0 G38.3 X-20 F1500\n"), 10);
-    // Fast only with the margin; turned only so as well.
+    // Rapids and turns are allowed only with the margin.
     assert_eq!(line("N0 G53 G0 X20\n"), 8);
     assert_eq!(line("N0 G53 G0 C5\n"), 8);
     assert_eq!(line("N0 G38.3 B1 F100\n"), 8);

@@ -11,7 +11,7 @@ use machine::record::machine::Solid;
 
 use crate::gjk::Support;
 
-/// A shape without its rounding. A cylinder's axis is Y, after parry.
+/// A shape without its rounding radius. The axis of a cylinder is Y, as in parry.
 #[derive(Debug, Clone, Copy)]
 enum Core {
     Point,
@@ -23,7 +23,7 @@ enum Core {
 #[derive(Debug, Clone, Copy)]
 pub struct Shape {
     core: Core,
-    /// All points within this distance of the core belong to it.
+    /// Rounding radius: all points within this distance of the core belong to the shape.
     round: f64,
     carrier_from_core: Pose,
 }
@@ -45,7 +45,7 @@ impl Shape {
         }
     }
 
-    /// Between two opposite corners.
+    /// A box between two opposite corners.
     pub fn cuboid(one: Vector3<f64>, other: Vector3<f64>) -> Self {
         Self {
             core: Core::Box(Cuboid::new(((one - other).abs() / 2.0).into())),
@@ -69,13 +69,13 @@ impl Shape {
         }
     }
 
-    /// Centre (carrier frame) and radius, if it is one.
+    /// Centre (carrier frame) and radius, if the shape is a ball.
     pub fn as_ball(&self) -> Option<(Vector3<f64>, f64)> {
         let ball = matches!(self.core, Core::Point);
         ball.then_some((self.carrier_from_core.translation.vector, self.round))
     }
 
-    /// A ball around all of it, carrier frame.
+    /// Bounding ball of the shape, carrier frame.
     pub fn bounds(&self) -> (Vector3<f64>, f64) {
         let radius = match self.core {
             Core::Point => 0.0,
@@ -85,7 +85,7 @@ impl Shape {
         (self.carrier_from_core.translation.vector, radius + self.round)
     }
 
-    /// Points and a radius: it lies in the convex hull of the balls about them, carrier frame.
+    /// Points and a radius: the shape lies in the convex hull of the balls about the points, carrier frame.
     pub fn corners(&self) -> (Vec<Vector3<f64>>, f64) {
         let (points, radius) = match self.core {
             Core::Point => (vec![Vector3::zeros()], 0.0),
@@ -107,7 +107,7 @@ impl Shape {
         (placed.collect(), radius + self.round)
     }
 
-    /// Distance of a point (carrier frame) from it; 0 inside.
+    /// Distance of a point (carrier frame) from the shape; 0 inside.
     pub fn distance(&self, point: Vector3<f64>) -> f64 {
         let local = self.carrier_from_core.inverse_transform_point(&point.into()).coords;
         let distance = match self.core {
@@ -131,7 +131,7 @@ pub struct Placed {
     pub machine_from_core: Pose,
 }
 
-/// Of the core: the rounding is taken off the distance.
+/// Support of the core; the gap subtracts the rounding radius.
 impl Support for Placed {
     fn support(&self, direction: Vector3<f64>) -> Vector3<f64> {
         let local = self.machine_from_core.inverse_transform_vector(&direction);
@@ -144,15 +144,15 @@ impl Support for Placed {
     }
 }
 
-/// What a body is to a touch. Bodies of the artefact that are there to be touched are numbered.
+/// Role of a body in a touch. The touched bodies of the artefact are numbered.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Role {
     Touched(usize),
-    /// What a touched body stands on, and rides with: a stem.
+    /// Stem that carries a touched body and moves with it.
     StemOf(usize),
-    /// Of the artefact, neither touched nor the stem of one.
+    /// Part of the artefact that is neither touched nor the stem of a touched body.
     Frame,
-    /// A datum cylinder.
+    /// A datum cylinder, which displacement sensors measure.
     Datum,
     /// The body of a displacement sensor in the spindle or on the bed.
     Sensor,
@@ -162,18 +162,18 @@ pub enum Role {
         least_gap: f64,
     },
     StylusBall,
-    /// It bends the stylus as well: the probe feels it.
+    /// Stem of the stylus: the probe detects contact with it as well.
     StylusStem,
     Other,
 }
 
-/// Something that nothing else may meet.
+/// A body that nothing else may collide with.
 #[derive(Debug, Clone)]
 pub struct Body {
     pub name: String,
     pub role: Role,
     pub shape: Shape,
     pub carried: Carried,
-    /// [`Shape::corners`]
+    /// Corners of the shape, by [`Shape::corners`].
     pub corners: (Vec<Vector3<f64>>, f64),
 }

@@ -1,7 +1,7 @@
-//! Rules for an approach before touches have confirmed the position: no rapid;
-//! only Z moves, unless it stands at its upper end or X and Y go round over the step before the first touch;
-//! until that touch, what is faster than a search keeps [`MARGIN_MM`] from everything; an axis turns so
-//! slowly that what it carries can be held within the overtravel.
+//! Rules for an approach before touches have confirmed the position. No rapid is allowed. Only Z moves, unless Z is
+//! at its upper end, or X and Y make a round above the step before the first touch. Until that touch, a move faster
+//! than a search keeps [`MARGIN_MM`] from everything. An axis turns so slowly that a hold stops the carried parts
+//! within the overtravel.
 
 use super::MARGIN_MM;
 use super::refusal::Reason;
@@ -13,11 +13,11 @@ use crate::gcode::rs274::ReadMotion;
 use crate::turning;
 use machine::{Axis, Position};
 
-/// Of the text, mm.
+/// Rounding tolerance of the text, mm.
 const ROUNDING_MM: f64 = 2e-3;
 
 impl Walk<'_> {
-    /// Z alone moves, or it stands at its upper end.
+    /// Checks that Z alone moves, or that Z is at its upper end.
     pub(super) fn is_high(&self, target: &Position) -> Checked {
         let aside = |(axis, to): (Axis, f64)| {
             let meant = Position::new().with(axis, to);
@@ -33,7 +33,7 @@ impl Walk<'_> {
         }
     }
 
-    /// X and Y go round over the step, before the first touch.
+    /// Whether X and Y make a round above the step before the first touch.
     fn feels_around(&self, motion: &ReadMotion) -> bool {
         let Some(step) = self.step() else { return false };
         let plan = self.request().plan;
@@ -48,7 +48,7 @@ impl Walk<'_> {
         level && !self.confirmed.is_begun() && over(self.stands()) && over(&ends)
     }
 
-    /// A turn of one axis, or a way that is too short for a probing move.
+    /// Checks a turn of one axis, or a move that is too short for a probing move.
     pub(super) fn careful_feed(&mut self, motion: &ReadMotion) -> Checked {
         self.is_high(&motion.target)?;
         let plan = self.request().plan;
@@ -66,7 +66,8 @@ impl Walk<'_> {
         let known = motion.target.iter().all(|(axis, _)| self.stands().get(axis).is_some());
         let dialect = self.request().dialect;
         let is_at = |place: &Position| rules::differs(self.stands(), place, dialect).is_none();
-        // A machine may already be over a step to within rounding; where the touch begins, the touch follows.
+        // The machine may already be above a step within rounding; at the start of the touch, the next move must be
+        // the touch.
         let replaces_touch =
             is_at(&motion.target) && self.step().is_some_and(|step| is_at(&step.from));
         if turns
@@ -80,7 +81,7 @@ impl Walk<'_> {
         self.go(&motion.target, &care)
     }
 
-    /// Of a guarded move that turns nothing.
+    /// Required clearance of a guarded move without rotary axes.
     pub(super) fn careful_guarded(&self, motion: &ReadMotion) -> Result<Care, Reason> {
         if !self.feels_around(motion) {
             self.is_high(&motion.target)?;

@@ -1,11 +1,11 @@
-//! Texts written by hand, while nothing has confirmed where the machine stands. Clearances as in `tests`:
-//! the part is 45 mm in radius and 100 mm high, at Z 220 the stylus ball touches its top; Z ends at 450.
+//! Handwritten programs for a machine whose position is not confirmed. Clearances as in `tests`: the part is 45 mm
+//! in radius and 100 mm high, at Z 220 the stylus ball touches its top; Z ends at 450.
 
 use super::tests::{beside, plan, proven_as};
 use super::*;
 use machine::Axis;
 
-/// From Z 300 beside the part, 50 mm from where the touch begins.
+/// Path from Z 300 beside the part, 50 mm from the start of the touch.
 const CAREFUL: &str = "N0 G38.3 Z450 F1500\nN0 G38.3 X50 F1500\nN0 G38.3 Z250 F1500\nN0 G38.3 Z170 F300\n\
                        N0 G38.3 X47 F30\nN0 G53 G1 X50 F300\nN0 G38.3 Z250 F300\n";
 
@@ -26,13 +26,13 @@ fn until_it_is_confirmed_only_z_moves_below_its_upper_end_and_nothing_fast() {
         let lines = CAREFUL.replacen(rapid, &format!("N0 G53 G0 {words}"), 1);
         assert_eq!(reason(&lines), Reason::RapidUnconfirmed);
     }
-    // 1.5 mm beside the part a guarded move may be as fast as a search.
+    // 1.5 mm beside the part, a guarded move must not be faster than a search.
     let fast = CAREFUL.replacen("Z170 F300", "Z170 F1500", 1);
     assert!(matches!(reason(&fast), Reason::Near { need, .. } if need >= MARGIN_MM));
 }
 
-/// 45 mm from the axis, 1500 mm/min are 31.8 revolutions of 57.3° a minute and a little more than the
-/// brakes allow: 360°/s² there are 283 mm/s², v = 283·(√(0.3² + 2·4/283) − 0.3) = 12.6 mm/s.
+/// 45 mm from the axis, 1500 mm/min are 31.8 × 57.3°/min, a little more than the brakes allow: 360°/s² are 283
+/// mm/s² there, v = 283·(√(0.3² + 2·4/283) − 0.3) = 12.6 mm/s.
 #[test]
 fn until_it_is_confirmed_axes_turn_slowly_one_by_one_at_the_upper_end_of_z() {
     let turning = plan(|plan| plan["machine"]["axes"]["C"]["acceleration_per_s2"] = 360.0.into());
@@ -56,13 +56,13 @@ fn until_it_is_confirmed_axes_turn_slowly_one_by_one_at_the_upper_end_of_z() {
     assert!(matches!(refusal.reason, Reason::AsideBelowTop(_)), "{refusal}");
 }
 
-/// LinuxCNC makes no probing move of less than 0.254 mm.
+/// LinuxCNC refuses probing moves of less than 0.254 mm.
 #[test]
 fn a_feed_move_may_stand_for_a_probing_move_that_is_too_short() {
     let short = CAREFUL.replacen("X50 F1500", "X50.2 F1500\nN0 G53 G1 X50 F300", 1);
     let plan = plan(|_| {});
     assert!(proven_as(&plan, &short, Some(&beside()), Confirmed::default()).is_ok());
-    // A machine that stands there to within the last digit of the text.
+    // A machine that is already there, within the last digit of the text.
     let stays = CAREFUL.replacen("X50 F1500", "X50 F1500\nN0 G53 G1 X50 F300", 1);
     assert!(proven_as(&plan, &stays, Some(&beside()), Confirmed::default()).is_ok());
     let long = short.replacen("X50.2", "X50.4", 1);
@@ -71,7 +71,7 @@ fn a_feed_move_may_stand_for_a_probing_move_that_is_too_short() {
     assert!(matches!(reason(&fast), Reason::Feed { what: "a short way", .. }));
 }
 
-/// Touches along X, Y and Z, and along three normals of which two are opposite.
+/// Touches along X, Y and Z confirm; touches along three normals of which two are opposite do not.
 #[test]
 fn three_independent_normals_confirm() {
     let plan = plan(|_| {});

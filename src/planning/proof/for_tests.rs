@@ -1,4 +1,4 @@
-//! Blocks for tests of drivers and controls, where no plan says what must not meet.
+//! Proven blocks for tests of drivers and controls, where no plan declares bodies.
 
 use super::proven::{ProvenBlock, Unproven, without_bodies};
 use crate::gcode::{Dialect, DialectError, Transmission};
@@ -13,11 +13,10 @@ pub fn dialect(name: &str) -> Result<Dialect, DialectError> {
     Dialect::named(name)
 }
 
-/// `block` as it is sent to a machine with `axes`, from wherever it stands: rendered and read back, but no
-/// bodies are looked at.
+/// Renders `block` for a machine with `axes` at an unknown position, and reads it back; bodies are not checked.
 ///
 /// # Errors
-/// What cannot be written, or reads otherwise than it was meant.
+/// The block cannot be rendered, or the text does not agree with its motions.
 pub fn proven_block(
     block: &Block,
     axes: &[Axis],
@@ -27,7 +26,7 @@ pub fn proven_block(
     proven_block_from(Position::new(), block, axes, dialect, transmission)
 }
 
-/// As [`proven_block`], from where the machine must stand.
+/// Like [`proven_block`], from the position `begins`, at which the machine must be.
 ///
 /// # Errors
 /// As [`proven_block`].

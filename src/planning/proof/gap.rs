@@ -1,6 +1,6 @@
-//! How far two convex bodies are apart, at least.
+//! Lower bound of the distance between two convex bodies.
 //!
-//! The gap between two supporting planes is a lower bound of the distance, whatever GJK has come to.
+//! The gap between two supporting planes is a lower bound of the distance, whatever the result of GJK.
 
 use nalgebra::Vector3;
 
@@ -10,23 +10,23 @@ use crate::gjk::{directions, gap_across};
 
 use super::body::Placed;
 
-/// The bodies may be off by as much as `by` across the unit vector `along`.
+/// Uncertainty of the relative position of the bodies: up to `by`, mm, across the unit vector `along`.
 #[derive(Debug, Clone, Copy)]
 pub struct Across {
     pub along: Vector3<f64>,
     pub by: f64,
 }
 
-/// A lower bound of the distance, mm, and the direction across which it is one: unit vector from
-/// the one to the other. Not above 0 where the bodies meet.
+/// Lower bound of the distance, mm, and its direction: a unit vector from `one` to `other`. Not above 0 if the
+/// bodies intersect.
 #[derive(Debug, Clone, Copy)]
 pub struct Gap {
     pub mm: f64,
     pub direction: Vector3<f64>,
 }
 
-/// Looked for first across `hint`, and not more closely once it is above what is `enough` across
-/// that direction; in no direction is more than `most` enough.
+/// Computes the gap, first across `hint`. The search ends when the gap exceeds `enough` for its direction; `most`
+/// is the maximum of `enough` over all directions.
 pub fn gap(
     one: &Placed,
     other: &Placed,

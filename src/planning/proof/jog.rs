@@ -1,10 +1,10 @@
-//! A jog on its own: the text of one small move of one axis. While a machine is commissioned it is
-//! not known yet which motor hangs at which drive, nor which way round. So nothing may stand within
-//! the margin wherever that much of *any* axis, in either sense, would carry something.
+//! Proof of a jog: the text of one small move of one axis. During commissioning, it is not known yet which motor is
+//! connected to which drive, nor its sense. Therefore no body may be within the margin when *any* axis moves by
+//! that amount, in either sense.
 //!
-//! And the retract: one small step out of contact. No control executes a probing move while its probe
-//! reads closed, so it is a feed move, which a contact does not stop. A person chooses axis and sense:
-//! after an unexpected contact the machine may not be where the plan has it.
+//! Proof of a retract: one small step out of contact. No control executes a probing move while its probe reads
+//! closed, so a retract is a feed move, which contact does not stop. The operator chooses axis and sense: after an
+//! unexpected contact, the machine may not be at its position in the plan.
 
 use super::proven::{ProvenBlock, Unproven, read_block, read_programs};
 use super::refusal::{Reason, Refusal};
@@ -19,31 +19,31 @@ use machine::record::plan::Plan;
 use machine::record::proof::Clearance;
 use machine::{Axis, Position};
 
-/// No jog is longer, mm or degrees.
+/// Maximum length of a jog, mm or degrees.
 const LONGEST: f64 = 10.0;
-/// No retract is longer, mm.
+/// Maximum length of a retract, mm.
 const LONGEST_RETRACT: f64 = 2.0;
 
-/// The move that a text must say.
+/// The move that a text must contain.
 #[derive(Debug, Clone, Copy)]
 pub struct JogRequest<'a> {
     /// Machine, probe and bodies.
     pub plan: &'a Plan,
-    /// Where all axes stand.
+    /// Positions of all axes.
     pub stands: &'a Position,
     pub axis: Axis,
-    /// Where it goes, mm or rad.
+    /// Target of the axis, mm or rad.
     pub to: f64,
-    /// mm or degrees a minute.
+    /// Maximum feed, mm/min or degrees/min.
     pub feed_at_most: f64,
     pub dialect: &'a Dialect,
 }
 
-/// Render a jog as it is sent, and prove that it moves this axis alone, to this place, slowly, and that
-/// nothing meets.
+/// Renders a jog for its transmission, and proves that it moves this axis alone, to this target, slowly, and
+/// without a collision.
 ///
 /// # Errors
-/// What cannot be written; the first line that is wrong; whatever would come near.
+/// The jog cannot be rendered; the first line that is wrong; the bodies that would come too near.
 pub fn prove_jog(
     request: &JogRequest<'_>,
     transmission: &Transmission,
@@ -52,8 +52,8 @@ pub fn prove_jog(
     prove(request, transmission, block, check_jog)
 }
 
-/// Render a retract as it is sent, and prove that it moves this linear axis alone, to this place, by a
-/// short slow feed move, and that it approaches no declared body that is not already met at the start.
+/// Renders a retract for its transmission, and proves that it moves this linear axis alone, to this target, by a
+/// short slow feed move, and that it approaches no declared body except those in contact at the start.
 ///
 /// # Errors
 /// As [`prove_jog`].
@@ -80,7 +80,7 @@ fn prove(
     read_block(block, request.stands.clone(), request.dialect, transmission, sent)
 }
 
-/// The smallest clearance, if there are bodies.
+/// Checks a jog. Returns the smallest clearance, if there are bodies.
 pub(super) fn check_jog(request: &JogRequest<'_>, programs: &[String]) -> Checked {
     let motion = one_move(request, programs)?;
     let refusal = |reason| Refusal { step: None, line: motion.line, reason };
@@ -90,7 +90,7 @@ pub(super) fn check_jog(request: &JogRequest<'_>, programs: &[String]) -> Checke
     free(request, &motion).map_err(refusal)
 }
 
-/// As [`check_jog`], of a retract.
+/// Checks a retract, like [`check_jog`].
 pub(super) fn check_retract(request: &JogRequest<'_>, programs: &[String]) -> Checked {
     let motion = one_move(request, programs)?;
     let refusal = |reason| Refusal { step: None, line: motion.line, reason };
@@ -112,8 +112,8 @@ fn one_move(request: &JogRequest<'_>, programs: &[String]) -> Result<ReadMotion,
     })
 }
 
-/// The move is of this axis alone, in machine coordinates, to its place, within the limits and not longer
-/// than `longest`, mm or degrees.
+/// Checks that the move is of this axis alone, in machine coordinates, to its target, within the limits, and not
+/// longer than `longest`, mm or degrees.
 fn check_axis(request: &JogRequest<'_>, motion: &ReadMotion, longest: f64) -> Result<(), Reason> {
     let JogRequest { plan, axis, dialect, .. } = *request;
     if let Frame::Work(slot) = &motion.frame {
@@ -134,11 +134,11 @@ fn check_axis(request: &JogRequest<'_>, motion: &ReadMotion, longest: f64) -> Re
     Ok(())
 }
 
-/// Contact or its feed holds the move back.
+/// Checks that contact stops the move, or that its feed is limited.
 fn check_held_back(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<(), Reason> {
     let JogRequest { plan, axis, .. } = *request;
     match motion.kind {
-        // Linear axes are guarded: contact stops them.
+        // Moves of linear axes are guarded: contact stops them.
         Kind::Probe { must_touch: false } if axis.is_linear() => {
             rules::braking(motion, &plan.machine, &plan.probe)?;
         }
@@ -148,7 +148,7 @@ fn check_held_back(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<(), 
     rules::feed_at_most("a jog", motion, request.feed_at_most)
 }
 
-/// Whatever the drives move in truth.
+/// Checks the clearance for every axis that the drives may actually move.
 fn free(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearance>, Reason> {
     let JogRequest { plan, stands, axis, .. } = *request;
     let scene = Scene::new(plan, &plan.artefact)?;
@@ -171,7 +171,7 @@ fn free(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearanc
     Ok(nearest)
 }
 
-/// Nothing declared is approached where the machine is thought to be.
+/// Checks that no declared body is approached, at the assumed position of the machine.
 fn check_approaches_nothing(
     request: &JogRequest<'_>,
     motion: &ReadMotion,
@@ -185,7 +185,7 @@ fn check_approaches_nothing(
     Ok(found.map(|(clearance_mm, between)| Clearance { step: 0, line, clearance_mm, between }))
 }
 
-/// Of all axes; the spindle, which nobody has oriented, at zero.
+/// Commands of all axes; the spindle, if not oriented, is at zero.
 fn commands(plan: &Plan, stands: &Position) -> Result<Commands, Reason> {
     let mut axes = plan.machine.axes.keys();
     match axes.find(|axis| **axis != Axis::S && stands.get(**axis).is_none()) {

@@ -1,4 +1,4 @@
-//! A jog by its text, and with bodies whose distances are known by hand.
+//! Proofs of a jog: its text, and bodies whose distances are computed by hand.
 
 use super::jog::{check_jog, check_retract};
 use super::tests::{beside, plan};
@@ -59,9 +59,9 @@ fn a_jog_moves_its_axis_alone_slowly_and_guarded() {
 #[test]
 fn nothing_may_be_near_whichever_axis_moves_in_truth() {
     let plan = plan(|_| {});
-    // Ball of radius 3 beside a part of radius 45, known to 1 mm, at half its height.
+    // Ball of radius 3 beside a part of radius 45, with an uncertainty of 1 mm, at half its height.
     let at = |x: f64| beside().with(Axis::X, x).with(Axis::Z, 170.0);
-    // 1 mm away from the part; but its motor may turn the other way: 54 - 1 - 45 - 3 - 1.
+    // 1 mm away from the part; but the motor may turn the other way: 54 - 1 - 45 - 3 - 1.
     let clear = proven(&plan, "N1 G38.3 X55 F60", (Axis::X, 55.0), &at(54.0)).unwrap().unwrap();
     assert!((clear.clearance_mm - 4.0).abs() < 0.05, "{clear:?}");
     let away = |x: f64| {
@@ -70,11 +70,11 @@ fn nothing_may_be_near_whichever_axis_moves_in_truth() {
     };
     assert!(away(52.1).is_ok());
     assert!(matches!(away(51.9), Err(Reason::Near { .. })));
-    // A jog of Y, along the flank, may be one of X.
+    // A jog of Y, along the flank, may in fact move X.
     let y = |x: f64| proven(&plan, "N1 G38.3 Y1 F60", (Axis::Y, 1.0), &at(x));
     assert!(y(52.1).is_ok());
     assert!(matches!(y(51.9), Err(Reason::Near { .. })));
-    // Where an axis stands that nobody knows, nothing can be shown.
+    // If the position of an axis is unknown, nothing can be proven.
     let blind = at(54.0).only(|axis| axis != Axis::B);
     let unknown = proven(&plan, "N1 G38.3 X55 F60", (Axis::X, 55.0), &blind);
     assert_eq!(unknown, Err(Reason::Unknown(Axis::B)));
@@ -117,19 +117,20 @@ fn a_retract_approaches_no_declared_body() {
         let stands = beside().with(Axis::X, from).with(Axis::Z, 170.0);
         retracted(plan, &format!("N1 G53 G1 X{to} F60"), (Axis::X, to), &stands)
     };
-    // Ball of radius 3 beside a part of radius 45, known to 1 mm: 0.5 mm apart where it is thought to be.
+    // Ball of radius 3 beside a part of radius 45, with an uncertainty of 1 mm: 0.5 mm apart at the assumed
+    // position.
     let part = plan(|_| {});
     assert!(x(&part, 48.5, 49.5).is_ok());
     assert!(matches!(x(&part, 48.5, 47.5), Err(Reason::Near { .. })));
     assert!(matches!(x(&part, 48.5, 48.0), Err(Reason::Near { .. })));
     let along = beside().with(Axis::X, 48.5).with(Axis::Z, 170.0);
     assert!(retracted(&part, "N1 G53 G1 Y1 F60", (Axis::Y, 1.0), &along).is_ok());
-    // The model has the ball within the part, that is, in contact: which sense leads out is not judged.
+    // In the model the ball is inside the part, that is, in contact: either sense is accepted.
     assert!(x(&part, 47.0, 48.0).is_ok());
-    // Nor can a machine that is far from where it thinks be judged: 100 - 3 - 45 mm from the part.
+    // Nor can the proof detect that the machine is far from its assumed position: 100 - 3 - 45 mm from the part.
     assert!(x(&part, 100.0, 99.0).is_ok());
 
-    // A box whose face is at X = 110: 3 mm of ball, 2 mm of margin.
+    // A box with a face at X = 110: 3 mm for the ball, 2 mm for the margin.
     let boxed = plan(|plan| {
         plan["keepout"] = serde_json::json!([{"name": "clamp", "min_mm": [110.0, -5.0, 0.0],
             "max_mm": [130.0, 5.0, 200.0]}]);
@@ -138,7 +139,7 @@ fn a_retract_approaches_no_declared_body() {
     let near = x(&boxed, 104.1, 105.1);
     let between = ["stylus ball", "clamp"].map(str::to_owned);
     assert!(matches!(near, Err(Reason::Near { between: found, .. }) if found == between));
-    // Nearer than the margin it may stay as near as it is, and leave.
+    // Nearer than the margin, the ball may keep its distance, and may leave.
     assert!(x(&boxed, 106.5, 105.5).is_ok());
     assert!(matches!(x(&boxed, 106.5, 106.6), Err(Reason::Near { .. })));
     let beside_it = beside().with(Axis::X, 106.5).with(Axis::Z, 170.0);

@@ -1,43 +1,42 @@
-//! What must hold before a stage may move. It looks at the *rendered text as read back*
-//! and at the plan's steps, never at what the planner meant: a slip anywhere between step and text
-//! is seen here. It moves nothing.
+//! Proof of a stage before it may move. The proof checks the *rendered text as read back* against the plan's steps,
+//! not the planner's intent: it detects an error anywhere between step and text. It moves nothing.
 //!
-//! It holds of a proven text that
-//! - every motion belongs to the step whose turn it is, in machine coordinates, within the limits;
-//! - each step touches once: from its `from` to its `to`, at its feed, no longer than the probe's
-//!   overtravel; the ball stands clear of the artefact at `from`, wherever within its uncertainty
-//!   that is, and contact with the nominal artefact comes before `to`; then straight back to `from`;
-//! - of an artefact of several bodies the touch means the one that its line meets first. A ball is met
-//!   wherever within its uncertainty it stands, and on the side that the step's `normal` says; all
-//!   other balls and stems are strangers, whom the full length of the touch passes;
-//! - each scan goes through its points one after the other, at its feed, and rests at each where it
-//!   takes samples; nothing of it touches, and all of it keeps [`MARGIN_MM`] as a rapid does; where its
-//!   sensors are on the table, the ball in the spindle comes as near to them as their range allows, so slowly
-//!   that a hold stops it there;
-//! - a prompt is one stop (M0) and nothing else; from there on it is not known where the machine stands;
-//! - there is no other feed move; guarded moves (probing moves that are not the touch) stay clear of
-//!   everything and stop within the overtravel if they should meet something all the same;
-//! - until touches along three independent normals have confirmed where the machine stands, or a scan
-//!   has, there is no rapid, and all of the way to a step is careful ([`careful`]);
-//! - what the probe is not there to feel stays half a millimetre apart on guarded moves and touches:
-//!   it feels the artefact, stems included, with the ball and the stem of its stylus alone;
-//! - rapids and turns of a rotary axis or the spindle keep [`MARGIN_MM`] from everything, and every
-//!   step ends that far away.
+//! A proven text has these properties:
+//! - Every motion belongs to the step whose turn it is, in machine coordinates, within the limits.
+//! - Each step touches once: from its `from` to its `to`, at its feed, not longer than the probe's overtravel. At
+//!   `from`, the stylus ball is clear of the artefact, wherever the artefact is within its uncertainty; contact
+//!   with the nominal artefact occurs before `to`. Then the ball moves straight back to `from`.
+//! - In an artefact of several bodies, the touch is aimed at the body that its line meets first. The touch meets
+//!   that ball at every position within its uncertainty, and on the side of the step's `normal`. The full length of
+//!   the touch avoids all other balls and stems.
+//! - Each scan reaches its points one after the other, at its feed, and rests at each point where it takes samples.
+//!   No part of it touches, and all of it keeps [`MARGIN_MM`] as a rapid does. If its sensors are on the table, the
+//!   ball in the spindle may be as near to them as their range allows, at a feed from which a hold stops it within
+//!   that range.
+//! - A prompt is one stop (M0) and nothing else; after it, the position of the machine is unknown.
+//! - There is no other feed move. Guarded moves (probing moves other than the touch) stay clear of everything, and
+//!   stop within the overtravel if they meet an obstacle nevertheless.
+//! - Until a scan, or touches along three independent normals, have confirmed the position of the machine, there is
+//!   no rapid, and the whole approach to a step is careful ([`careful`]).
+//! - Pairs of bodies whose contact the probe cannot detect stay half a millimetre apart on guarded moves and
+//!   touches. The probe detects contact of the stylus ball and stylus stem with the artefact, including its stems.
+//! - Rapids and turns of a rotary axis or the spindle keep [`MARGIN_MM`] from everything, and every step ends with
+//!   that distance.
 //!
-//! The artefact is grown by its uncertainty, each of its bodies. During a touch only what rides on
-//! the spindle may be nearer, only to the body that is meant and its stem (which stands off as its
-//! ball does), and only as far as contact lets it come ([`touch`]).
+//! Each body of the artefact is enlarged by its uncertainty. During a touch, only parts that move with the spindle
+//! may be nearer, only to the touched body and its stem (which is displaced like its ball), and only as far as
+//! contact allows ([`touch`]).
 //!
-//! Bodies: stylus ball, stem, probe body (or, in their place, the body of a sensor) and the solids of the tool side against artefact, keep-out
-//! boxes and the solids of the workpiece side and the bed; workpiece side against bed; and on one
-//! side whatever an axis moves against each other. Neighbours on one side that with all axes at zero
-//! stand nearer than the margin are *not* looked at: they are joined or built close, and the proof
-//! names them (but for the nose and what it holds). What the same axes move stands still against
-//! each other. Errors of the machine are far below the margin and not looked at either. The spindle's
-//! axis is Z; a spindle that nobody orients stands as `tool_mm` was measured.
+//! Checked pairs: stylus ball, stem, probe body (or, in their place, the body of a sensor) and the solids of the
+//! tool side against the artefact, keep-out boxes and the solids of the workpiece side and the bed; the workpiece
+//! side against the bed; and on one side, all bodies that an axis moves relative to each other. Neighbours on one
+//! side that are nearer than the margin with all axes at zero are *not* checked, because they are joined or built
+//! close; the proof lists them (except the nose and the parts that it holds). Bodies that the same axes move do not
+//! move relative to each other. Errors of the machine are far below the margin and are not considered. The
+//! spindle's axis is Z; a spindle that cannot be oriented has the orientation at which `tool_mm` was measured.
 //!
-//! Whether the identification is well-posed is the method's matter: `Method::next` refuses what it
-//! could not solve before the first stage, and nothing is rendered.
+//! The conditioning of the identification is checked by the method: `Method::next` refuses an unsolvable plan
+//! before the first stage, and nothing is rendered.
 
 mod body;
 mod careful;
@@ -81,19 +80,19 @@ use machine::record::plan::Plan;
 use machine::record::proof::Proof;
 use proven::read_programs;
 
-/// Distance that rapids and turning axes keep from everything, mm.
+/// Minimum clearance of rapids and turning axes from everything, mm.
 pub const MARGIN_MM: f64 = 2.0;
 
-/// A text, and what it must say.
+/// A text, and the steps that it must contain.
 #[derive(Debug, Clone, Copy)]
 pub struct Request<'a> {
     pub plan: &'a Plan,
-    /// One for each stage in the text, in order.
+    /// Steps of each stage in the text, in order.
     pub stages: &'a [Staged<'a>],
-    /// Where the machine stands at the start, as far as it is known. What moves before X, Y and Z
-    /// are known is not looked at, and the proof says so.
+    /// Position of the machine at the start, as far as it is known. Moves before X, Y and Z are known are not
+    /// checked, and the proof reports them.
     pub stands: Option<&'a Position>,
-    /// What was confirmed since the machine was prepared.
+    /// Directions that were confirmed since the machine was prepared.
     pub confirmed: Confirmed,
     pub dialect: &'a Dialect,
     /// Programs that are executed one after the other; each sets the modes that it needs.
@@ -103,21 +102,21 @@ pub struct Request<'a> {
 /// The steps of one stage.
 #[derive(Debug, Clone, Copy)]
 pub struct Staged<'a> {
-    /// Ids in the order in which they must be run; they stand in the plan.
+    /// Ids of the steps, in the order of the run; the plan contains these steps.
     pub steps: &'a [u32],
-    /// Where the artefact was found; `None`: where the plan says.
+    /// The artefact at its found position; `None`: at its position in the plan.
     pub found: Option<&'a Artefact>,
 }
 
-/// Does the text do what the steps say, and does nothing meet that must not?
+/// Proves that the text contains exactly the steps, and that no bodies collide.
 ///
 /// # Errors
-/// The first line that is wrong or cannot be shown to be right.
+/// The first line that is wrong or cannot be proven.
 pub fn prove(request: &Request<'_>) -> Result<Proof, Refusal> {
     prove_motions(request, read_programs(request.dialect, request.programs)?)
 }
 
-/// As [`prove`], of the programs as they were read back.
+/// Like [`prove`], for programs that were read back already.
 fn prove_motions(request: &Request<'_>, motions: Vec<ReadMotion>) -> Result<Proof, Refusal> {
     walk::Walk::begin(request, motions)?.through()
 }

@@ -1,12 +1,12 @@
-//! Text that sets modes and switches the probe: it holds no motion.
+//! Proven text without motions: it sets modes and switches the probe.
 
 use super::proven::{Unproven, read_programs};
 use super::refusal::{Reason, Refusal};
 use crate::gcode::{Dialect, ProbeFault, Program};
 use machine::Axis;
 
-/// What a driver sends before the first and after the last block, and what the machine file adds to it. The
-/// text was read back and moves nothing.
+/// Text that a driver sends before the first and after the last block, including the options of the machine file.
+/// It was read back and moves nothing.
 #[derive(Debug, Clone)]
 pub struct ProvenModes {
     head: Vec<String>,
@@ -29,17 +29,17 @@ impl ProvenModes {
         &self.foot
     }
 
-    /// A program of its own that sets all modal state and leaves the probe on.
+    /// A separate program that sets all modal state and leaves the probe on.
     pub fn switch_on(&self) -> &str {
         &self.switch_on
     }
 
-    /// A program of its own that switches the probe off; `None`: there is no word for it.
+    /// A separate program that switches the probe off; `None` if no command is declared.
     pub fn switch_off(&self) -> Option<&str> {
         self.switch_off.as_deref()
     }
 
-    /// How long after the head what it switches is ready, s; `None`: it switches nothing.
+    /// Time after the head until the switched devices are ready, s; `None` if the head switches nothing.
     pub fn settles_s(&self) -> Option<f64> {
         self.settles_s
     }
@@ -48,16 +48,17 @@ impl ProvenModes {
         self.switches_probe_on
     }
 
-    /// The inputs that report faults of the probe, and what each reports when it is on.
+    /// Inputs that report faults of the probe, and the fault that each reports when it is on.
     pub fn health_inputs(&self) -> impl Iterator<Item = (&str, ProbeFault)> {
         self.health_inputs.iter().map(|(input, fault)| (input.as_str(), *fault))
     }
 }
 
-/// `axes`: those of the machine. `log`: the file that takes the results, where the control writes them itself.
+/// Renders and proves the text. `axes`: the axes of the machine. `log`: the results file, on a control that writes
+/// one itself.
 ///
 /// # Errors
-/// What cannot be written; text that moves something or cannot be read back.
+/// The text cannot be rendered, contains a motion, or cannot be read back.
 pub fn prove_modes(
     dialect: &Dialect,
     title: &str,

@@ -1,4 +1,4 @@
-//! Which bodies could meet: all that move against each other.
+//! Pairs of bodies that could collide: all that move relative to each other.
 
 use super::MARGIN_MM;
 use super::body::{Body, Role};
@@ -6,45 +6,46 @@ use super::sweep::{Demand, Way, sweep};
 use machine::Axis;
 use machine::kinematics::{Carried, Side};
 
-/// Two bodies that could meet, as seen from the last carrier that they share.
+/// Two bodies that could collide, relative to the last carrier that they share.
 pub struct Pair {
     pub one: Body,
     pub other: Body,
-    /// Which of all bodies they are.
+    /// Indices of the two bodies in the list of all bodies.
     pub numbers: [usize; 2],
     pub meets: Meets,
-    /// The stylus against the artefact: the probe feels it.
+    /// Whether the pair is stylus and artefact, whose contact the probe detects.
     pub felt: bool,
-    /// How far the two may stand nearer to each other than they are thought to, mm.
+    /// Maximum reduction of the distance of the two by the uncertainty of the artefact, mm.
     pub grown: f64,
-    /// The stylus ball and a sensor on the table that measures it: the least gap within its range, mm.
+    /// For the stylus ball and a sensor on the table that measures it: the smallest gap within the sensor's range,
+    /// mm.
     pub measured_gap: Option<f64>,
 }
 
-/// What a pair is to the touch of one body of the artefact, by its number.
+/// Role of a pair in the touch of one body of the artefact, which has the contained number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Meets {
-    /// The stylus ball and that body: they are meant to.
+    /// The stylus ball and that body, which are meant to meet.
     Touch(usize),
-    /// What rides with the stylus ball, and that body or its stem; the ball itself, and that stem.
+    /// A part that moves with the stylus ball, and that body or its stem; or the stylus ball and that stem.
     Beside(usize),
-    /// All others.
+    /// All other pairs.
     Never,
 }
 
 impl Pair {
-    /// Do both stand on the same side of the machine?
+    /// Whether both are on the same side of the machine.
     pub fn one_side(&self) -> bool {
         self.one.carried.side() == self.other.carried.side()
     }
 
-    /// A displacement sensor and the cylinder that it measures.
+    /// Whether the pair is a displacement sensor and the cylinder that it measures.
     fn is_measured(&self) -> bool {
         let roles = [self.one.role, self.other.role];
         roles.contains(&Role::Sensor) && roles.contains(&Role::Datum)
     }
 
-    /// Nearer than the margin with all axes at zero: joined, or built close.
+    /// Whether the two are nearer than the margin with all axes at zero: joined, or built close.
     fn neighbours(&self) -> bool {
         let zero = [0.0; Axis::ALL.len()];
         let way = Way { from: zero, to: zero };
@@ -53,15 +54,16 @@ impl Pair {
         sweep(&way, &self.one, &self.other, &demand).is_err()
     }
 
-    /// Nothing but the spindle's turn sets them apart: the nose, and what it holds.
+    /// Whether only the rotation of the spindle moves them relative to each other: the nose, and the parts that it
+    /// holds.
     fn held(&self) -> bool {
         self.one.carried.axes().chain(self.other.carried.axes()).all(|axis| axis == Axis::S)
     }
 }
 
-/// All pairs that some axis moves against each other, and in words those that are not checked: neighbours on
-/// one side, unless the one holds the other, and a sensor beside a datum cylinder. The gap of these two is the
-/// sensor's range: its samples are watched while an axis moves.
+/// All pairs that some axis moves relative to each other, and as text those that are not checked: neighbours on one
+/// side, unless one holds the other, and a sensor with a datum cylinder. The gap of these two is the sensor's
+/// range, and the run monitors the samples while an axis moves.
 pub fn pairs(bodies: &[Body], uncertainty: f64) -> (Vec<Pair>, Vec<String>) {
     let (mut pairs, mut unchecked) = (Vec::new(), Vec::new());
     let all = (0..bodies.len()).flat_map(|one| (0..bodies.len()).map(move |other| (one, other)));
@@ -81,7 +83,7 @@ pub fn pairs(bodies: &[Body], uncertainty: f64) -> (Vec<Pair>, Vec<String>) {
     (pairs, unchecked)
 }
 
-/// Each pair once: of two sides the tool's first, the bed's last.
+/// Each pair once: for bodies of two sides, the tool's body first, the bed's last.
 fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<Pair> {
     let (a, b) = (bodies.get(one)?, bodies.get(other)?);
     let comes_first = match (a.carried.side(), b.carried.side()) {
@@ -118,7 +120,7 @@ fn meets(one: &Body, other: &Body, bodies: &[Body]) -> Meets {
     }
 }
 
-/// The spindle's turn apart, the same linear and rotary axes move it as the stylus ball.
+/// Whether the same linear and rotary axes move the body as the stylus ball, the rotation of the spindle apart.
 fn rides(body: &Body, bodies: &[Body]) -> bool {
     let axes = |body: &Body| -> Vec<Axis> {
         body.carried.axes().filter(|axis| *axis != Axis::S).collect()

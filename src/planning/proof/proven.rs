@@ -1,4 +1,4 @@
-//! Blocks whose text was proven: the only thing that a driver executes.
+//! Blocks whose text was proven: a driver executes nothing else.
 
 use sha2::{Digest as _, Sha256};
 
@@ -12,7 +12,7 @@ use machine::record::plan::Plan;
 use machine::record::proof::Proof;
 use machine::{Axis, Position};
 
-/// A stage as it is sent.
+/// A stage in the form in which it is sent.
 #[derive(Debug, Clone, Copy)]
 pub struct StageRequest<'a> {
     pub plan: &'a Plan,
@@ -22,11 +22,11 @@ pub struct StageRequest<'a> {
     pub confirmed: Confirmed,
     pub dialect: &'a Dialect,
     pub transmission: &'a Transmission,
-    /// The motions that the text must say, in order.
+    /// The motions that the text must contain, in order.
     pub blocks: &'a [Block],
 }
 
-/// Why a stage has no proven blocks. Nothing has moved.
+/// Error: a stage has no proven blocks. Nothing has moved.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Unproven {
     #[error(transparent)]
@@ -36,7 +36,7 @@ pub enum Unproven {
 }
 
 impl Unproven {
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
             Self::Unwritable(error) => error.remedy(),
@@ -45,8 +45,8 @@ impl Unproven {
     }
 }
 
-/// The text of one block as it is sent, and where the machine must stand for it. It is made by the proof
-/// alone, executed once, and not changed in between.
+/// Text of one block in the form in which it is sent, and the position at which the machine must be for it. Only
+/// the proof creates it; it is executed once, and not changed in between.
 #[derive(Debug)]
 pub struct ProvenBlock {
     step: u32,
@@ -56,15 +56,15 @@ pub struct ProvenBlock {
     digest: [u8; 32],
 }
 
-/// A unit, and its motions as the reader found them in the text.
+/// A unit, and the motions that the reader found in its text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ProvenUnit {
     pub unit: Unit,
-    /// One for each of `unit.motions`.
+    /// One motion for each of `unit.motions`.
     pub read: Vec<ReadMotion>,
 }
 
-/// A block was changed after its proof.
+/// Error: a block was changed after its proof.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("step {step}: the block is not the one that was proven")]
 pub struct Altered {
@@ -83,13 +83,13 @@ impl ProvenBlock {
         block
     }
 
-    /// Over everything but itself.
+    /// Digest of all other fields.
     fn computed_digest(&self) -> [u8; 32] {
         let Self { step, begins, transmission, units, digest: _ } = self;
         Sha256::digest(format!("{step}{begins:?}{transmission:?}{units:?}")).into()
     }
 
-    /// As the control receives it.
+    /// Form in which the control receives the block.
     pub fn transmission(&self) -> &Transmission {
         &self.transmission
     }
@@ -98,8 +98,8 @@ impl ProvenBlock {
         self.step
     }
 
-    /// Where the machine stands when the block begins, machine coordinates: the axes of which the proof
-    /// knows it.
+    /// Position of the machine at the start of the block, machine coordinates: the axes whose position the proof
+    /// knows.
     pub fn begins(&self) -> &Position {
         &self.begins
     }
@@ -108,20 +108,20 @@ impl ProvenBlock {
         self.units.iter().flat_map(|part| &part.unit.motions)
     }
 
-    /// What is to be sent.
+    /// Units to be sent.
     ///
     /// # Errors
-    /// It is not what the proof has read.
+    /// They differ from the proven units.
     pub fn units(&self) -> Result<&[ProvenUnit], Altered> {
         let is_proven = self.computed_digest() == self.digest;
         if is_proven { Ok(&self.units) } else { Err(Altered { step: self.step }) }
     }
 }
 
-/// Render the blocks of a stage as they are sent, prove that text, and keep it.
+/// Renders the blocks of a stage for their transmission, proves that text, and keeps it.
 ///
 /// # Errors
-/// What cannot be written; the first line that is wrong or cannot be shown to be right.
+/// A block cannot be rendered; the first line that is wrong or cannot be proven.
 pub fn prove_blocks(request: &StageRequest<'_>) -> Result<(Proof, Vec<ProvenBlock>), Unproven> {
     let StageRequest { plan, stages, stands, confirmed, dialect, transmission, blocks } = *request;
     let axes: Vec<Axis> = plan.machine.axes.keys().copied().collect();
@@ -134,10 +134,10 @@ pub fn prove_blocks(request: &StageRequest<'_>) -> Result<(Proof, Vec<ProvenBloc
     Ok((proof, proven_units(dialect, blocks, transmission, sent, read, begins)?))
 }
 
-/// A block that is rendered and read back; of bodies nothing is looked at.
+/// Renders a block and reads it back; bodies are not checked.
 ///
 /// # Errors
-/// As [`prove_blocks`], without what concerns bodies.
+/// As [`prove_blocks`], except the checks of bodies.
 pub(super) fn without_bodies(
     block: &Block,
     begins: Position,
@@ -149,10 +149,10 @@ pub(super) fn without_bodies(
     read_block(block, begins, dialect, transmission, sent)
 }
 
-/// One block as it was rendered.
+/// Reads one rendered block back.
 ///
 /// # Errors
-/// What the reader finds wrong in it.
+/// The first fault that the reader finds.
 pub(super) fn read_block(
     block: &Block,
     begins: Position,
@@ -166,7 +166,7 @@ pub(super) fn read_block(
     proven.pop().ok_or(Unproven::Refused(refusal(1, Reason::Missing(block.step))))
 }
 
-/// Gives each unit its motions of `read`, and compares them with the motions that were rendered.
+/// Assigns to each unit its motions of `read`, and compares them with the rendered motions.
 fn proven_units(
     dialect: &Dialect,
     blocks: &[Block],
@@ -197,8 +197,8 @@ fn proven_units(
     }
 }
 
-/// The motions of programs that are sent one after the other, each read from an unknown state. Lines count
-/// on from program to program.
+/// Motions of programs that are sent one after the other, each read from an unknown state. The line numbers
+/// continue from program to program.
 pub(super) fn read_programs(
     dialect: &Dialect,
     programs: &[String],
@@ -225,7 +225,7 @@ fn check_line_lengths(transmission: &Transmission, sent: &Transmitted) -> Result
     }
 }
 
-/// Where the machine stands after a motion; a touch leaves open where its axes are.
+/// Position of the machine after a motion; after a touch, the position of its axes is unknown.
 fn after(stands: Position, motion: &Motion) -> Position {
     match motion {
         Motion::Probe { to, .. } => stands.only(|axis| to.get(axis).is_none()),
@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn a_block_whose_text_does_not_mean_it_has_no_proof() {
-        // It can be written, but a control reads no feed in it.
+        // The block can be rendered, but a control reads no feed in it.
         let to = Position::new().with(Axis::Z, -20.0);
         let motions = vec![Motion::Guarded { to, feed_mm_min: -300.0 }];
         let block = Block { step: 3, repeat: 0, motions };

@@ -1,21 +1,21 @@
-//! Why a text must not move, and what to do. Nothing has moved.
+//! Refusals of a proof, and what the operator should do. Nothing has moved.
 
 use super::MARGIN_MM;
 use machine::Axis;
 use machine::kinematics::KinematicsError;
 
-/// Step, line and reason.
+/// Step, line and reason of a refusal.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{}line {line}: {reason}", of_step(.step))]
 pub struct Refusal {
-    /// Id and label of the step whose turn it is; `None` before the first.
+    /// Id and label of the current step; `None` before the first.
     pub step: Option<(u32, String)>,
     /// Line of the text, from 1.
     pub line: usize,
     pub reason: Reason,
 }
 
-/// Where an axis stands, and where it should; mm or degrees.
+/// Present and intended position of an axis; mm or degrees.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("{axis} at {is}, not at {meant}")]
 pub struct Place {
@@ -28,7 +28,7 @@ fn of_step(step: &Option<(u32, String)>) -> String {
     step.as_ref().map_or(String::new(), |(id, label)| format!("step {id} ({label}), "))
 }
 
-/// Lengths in mm, feeds in mm/min; `value`, `min`, `max` in mm or degrees.
+/// Reason of a refusal. Lengths in mm, feeds in mm/min; `value`, `min`, `max` in mm or degrees.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Reason {
     #[error("{0}")]
@@ -146,7 +146,7 @@ fn margin(need: f64) -> String {
 }
 
 impl Refusal {
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(&self) -> &'static str {
         match self.reason {
             Reason::Near { .. } => {

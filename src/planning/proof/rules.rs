@@ -1,4 +1,4 @@
-//! What holds of a motion by its words alone: limits, feeds, lengths, where it begins and ends.
+//! Rules for a single motion: limits, feeds, lengths, start and end positions.
 
 use std::f64::consts::{PI, TAU};
 
@@ -8,15 +8,15 @@ use crate::gcode::rs274::{Kind, ReadMotion};
 use machine::record::machine::{Machine, Probe};
 use machine::{Axis, Position};
 
-/// Feeds are written with three decimals, mm/min.
+/// Rounding tolerance of feeds, which have three decimals, mm/min.
 const FEED_ROUNDING: f64 = 0.000_501;
-/// Lengths of a touch come from numbers that were rounded, mm.
+/// Tolerance of the length of a touch, because its end points are rounded, mm.
 const LENGTH_ROUNDING: f64 = 1e-3;
 
 type Checked = Result<(), Reason>;
 
-/// Every axis is there and stays within its limits. The spindle is oriented within a turn: it may
-/// stand where any full turn more or less is within.
+/// Checks that the machine has every axis and that each is within its limits. The spindle is oriented modulo one
+/// turn: its position is accepted if it is within the limits after adding or subtracting a full turn.
 pub fn limits(motion: &ReadMotion, machine: &Machine, dialect: &Dialect) -> Checked {
     let spindle = match motion.kind {
         Kind::Orient { s } => Position::new().with(Axis::S, s),
@@ -53,7 +53,7 @@ pub fn feed_at_most(what: &'static str, motion: &ReadMotion, most: f64) -> Check
     Err(Reason::Feed { what, feed, limit: format!("at most {most}") })
 }
 
-/// Way from the feed to rest, mm, whichever linear axis brakes: within the probe's overtravel.
+/// Braking distance from the feed, mm, for every linear axis; it must be within the probe's overtravel.
 pub fn braking(motion: &ReadMotion, machine: &Machine, probe: &Probe) -> Result<f64, Reason> {
     let feed = motion.feed_mm_min.unwrap_or(f64::NAN);
     let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
@@ -71,10 +71,10 @@ pub fn length(from: &Position, to: &Position, overtravel: f64) -> Checked {
     Err(Reason::TooLong { length, overtravel })
 }
 
-/// An axis that stands elsewhere than it should.
+/// An axis that is not at its intended position.
 pub struct Off {
     axis: Axis,
-    /// mm or rad; `None`: nobody knows.
+    /// Present position, mm or rad; `None`: unknown.
     is: Option<f64>,
     meant: f64,
 }
@@ -89,7 +89,7 @@ impl Off {
     }
 }
 
-/// The first axis of `meant` that stands elsewhere, beyond rounding.
+/// The first axis of `meant` that is at another position, beyond rounding.
 pub fn differs(stands: &Position, meant: &Position, dialect: &Dialect) -> Option<Off> {
     meant.iter().find_map(|(axis, meant)| {
         let Some(is) = stands.get(axis) else { return Some(Off { axis, is: None, meant }) };

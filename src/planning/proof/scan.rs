@@ -1,6 +1,7 @@
-//! A scan in the text: the points of its path one after the other, at its feed, with a rest at each
-//! where samples are taken there, without any where they are taken on the way. Nothing of it is meant to touch: all of it keeps [`MARGIN_MM`],
-//! but for the ball in a nest of sensors on the table, whose gap is their range.
+//! Proof of a scan: the text reaches the points of its path one after the other, at its feed. It rests at each
+//! point where samples are taken at rest, and nowhere if they are taken during the motion. No part of it touches:
+//! all of it keeps [`MARGIN_MM`], except that the ball in a nest of sensors on the table may be as near as their
+//! range allows.
 
 use super::MARGIN_MM;
 use super::refusal::Reason;
@@ -13,7 +14,7 @@ use crate::turning;
 use machine::record::plan::{Sampling, Scan, Step};
 use machine::{Axis, Position};
 
-/// Seconds are written with three decimals.
+/// Rounding tolerance of times, which have three decimals, s.
 const REST_ROUNDING: f64 = 0.000_501;
 
 impl Walk<'_> {
@@ -56,8 +57,8 @@ impl Walk<'_> {
         }
     }
 
-    /// Greatest feed of the last way to the first point. A turn is as slow as turns are until the position is
-    /// confirmed; an axis that the scan itself does not turn may turn with Z at its upper end only.
+    /// Maximum feed of the last move to the first point. Until the position is confirmed, a turn has the reduced
+    /// feed of such turns; an axis that the scan itself does not turn may turn only with Z at its upper end.
     fn way_feed(&self, motion: &ReadMotion, scan: &Scan) -> Result<f64, Reason> {
         let plan = self.request().plan;
         let in_nest = self.is_in_nest();
@@ -75,7 +76,7 @@ impl Walk<'_> {
         Ok(self.turn_feed(motion).unwrap_or(near))
     }
 
-    /// Greatest feed of a motion that turns one axis, degrees a minute; `None` for another motion.
+    /// Maximum feed of a motion that turns one axis, degrees/min; `None` for any other motion.
     fn turn_feed(&self, motion: &ReadMotion) -> Option<f64> {
         let mut moved = motion.target.iter().map(|(axis, _)| axis);
         let turned = moved.next().filter(|axis| !axis.is_linear() && moved.next().is_none())?;
@@ -83,7 +84,7 @@ impl Walk<'_> {
         Some(turning::feed_at_most(plan, &self.chain, turned, self.stands()))
     }
 
-    /// Whether the sensors of the step in hand are on the table.
+    /// Whether the sensors of the current step are on the table.
     fn is_in_nest(&self) -> bool {
         self.step().is_some_and(|step| is_in_nest(self.request().plan, step))
     }
@@ -92,8 +93,8 @@ impl Walk<'_> {
         nest_feed(self.request().plan)
     }
 
-    /// What a feed move of a scan keeps from the bodies. Faster than a hold stops in time it keeps the margin
-    /// from the sensors too.
+    /// Required clearance of a feed move of a scan. A move that is too fast for a hold to stop it in time keeps the
+    /// margin from the sensors too.
     fn scan_care(&self, motion: &ReadMotion) -> Care {
         let is_slow = || rules::feed_at_most("", motion, self.nest_feed()).is_ok();
         match self.is_in_nest() && (turns(motion) || is_slow()) {
@@ -102,7 +103,7 @@ impl Walk<'_> {
         }
     }
 
-    /// A turn needs no way to its first point where the machine is there already.
+    /// Begins the scan immediately if a turn has its first point at the position of the machine.
     fn begin_in_place(&mut self, scan: &Scan) -> Checked {
         let is_begun = matches!(self.phase, Phase::Scanning { .. });
         if is_begun || !scan.turns_only() {
@@ -114,7 +115,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// At feed, and not yet to the first point.
+    /// Checks a feed move before the first point.
     fn approach(&mut self, motion: &ReadMotion) -> Checked {
         if !self.is_confirmed() && turns(motion) {
             return self.careful_feed(motion);
@@ -128,7 +129,7 @@ impl Walk<'_> {
         self.go(&motion.target, &self.scan_care(motion))
     }
 
-    /// The point of this number is the next one.
+    /// Checks that the move reaches the point `number`, which is the next one.
     fn reach(&mut self, motion: &ReadMotion, scan: &Scan, number: usize) -> Checked {
         let ends = self.stands().updated_by(&motion.target);
         let point = scan.path.get(number).ok_or(Reason::OffPath)?;
@@ -140,7 +141,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// As long as it should at the point where it stands.
+    /// Checks that the scan has rested long enough at the present point.
     fn has_rested(&self, scan: &Scan) -> Checked {
         match (scan.sampling, self.phase) {
             (Sampling::Dwell { dwell_s, .. }, Phase::Scanning { rested, .. })
@@ -152,7 +153,7 @@ impl Walk<'_> {
         }
     }
 
-    /// All of its points.
+    /// Checks that the scan has reached all of its points.
     pub(super) fn scanned(&self, scan: &Scan) -> Checked {
         self.has_rested(scan)?;
         match self.phase {
@@ -166,7 +167,7 @@ fn turns(motion: &ReadMotion) -> bool {
     motion.target.iter().any(|(axis, _)| !axis.is_linear())
 }
 
-/// The spindle is oriented by itself: it is no part of a point.
+/// First point of the scan without the spindle, which is oriented separately.
 fn first(scan: &Scan) -> Result<Position, Reason> {
     let first = scan.path.first().ok_or(Reason::OffPath)?;
     Ok(first.only(|axis| axis != Axis::S))

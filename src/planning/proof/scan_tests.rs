@@ -1,4 +1,4 @@
-//! Scans whose clearances are known by hand, through the text as in a run.
+//! Proofs of scans, in cases whose clearances are computed by hand, with the text of a run.
 
 use serde_json::{Value, json};
 
@@ -6,9 +6,9 @@ use super::tests::{beside, plan, proven_as, proven_from};
 use super::*;
 use machine::Axis;
 
-/// A sensor whose zero point is 150 mm below the spindle datum and 50 mm below its front, which is 30 mm
-/// in radius, over a ball of 10 mm at the origin, known to 1 mm: its top at Z = 10, so at Z 160 the
-/// sensor reads nothing. The scan rests at three points along X, 1 mm above that.
+/// A sensor whose zero point is 150 mm below the spindle datum and 50 mm below its front, which is 30 mm in radius,
+/// above a ball of 10 mm radius at the origin, with an uncertainty of 1 mm. The top of the ball is at Z = 10, so at
+/// Z 160 the sensor reads zero. The scan rests at three points along X, 1 mm higher.
 fn looking(change: impl FnOnce(&mut Value)) -> Plan {
     plan(|plan| {
         let at = |x: f64| json!({"X": x, "Y": 0.0, "Z": 161.0, "B": 0.0, "C": 0.0});
@@ -38,7 +38,7 @@ fn refused(plan: &Plan, from: &str, to: &str) -> Reason {
 fn a_whole_scan_is_proven_and_its_nearest_pair_is_known_by_hand() {
     let proof = proven_from(&looking(|_| {}), WHOLE, Some(&beside())).unwrap();
     assert_eq!((proof.motions, proof.steps.len()), (8, 1));
-    // The front stands at 161 − 150 + 50, the top of the ball at 10, and the ball may be 1 mm higher.
+    // The front is at 161 − 150 + 50, the top of the ball at 10, and the ball may be 1 mm higher.
     let nearest = proof.nearest.unwrap();
     assert_eq!(nearest.between, ["laser", "ball 1"]);
     assert!((nearest.clearance_mm - 50.0).abs() < 0.02, "{nearest:?}");
@@ -70,7 +70,7 @@ fn every_point_is_reached_in_its_turn_at_the_feed_and_rested_at() {
 
 #[test]
 fn the_body_of_the_sensor_keeps_the_margin_on_all_of_its_way() {
-    // A post beside the ball, 30 + 2 mm from where the sensor's axis ends its way at X = 5.
+    // A post beside the ball, 30 + 2 mm from the end of the sensor axis' path at X = 5.
     let with_post = |x: f64| {
         looking(|plan| {
             plan["solids"] = json!([{"name": "post", "on": "table", "from_mm": [x, -5.0, -50.0],
@@ -82,13 +82,13 @@ fn the_body_of_the_sensor_keeps_the_margin_on_all_of_its_way() {
     let refusal = proven_from(&with_post(36.9), WHOLE, Some(&from_left)).unwrap_err();
     assert!(matches!(refusal.reason, Reason::Near { .. }), "{refusal}");
     assert_eq!(refusal.line, 10, "the line to the last point: {refusal}");
-    // Without a body nobody looks at it, and the proof says so.
+    // Without a declared body, it is not checked, and the proof reports this.
     let bare = looking(|plan| plan["sensors"][0]["body_radius_mm"] = 0.0.into());
     let proof = proven_from(&bare, WHOLE, Some(&beside())).unwrap();
     assert!(proof.not_looked_at.contains(&"body of laser".to_owned()), "{proof:?}");
 }
 
-/// The same three points without a rest, and back to the middle.
+/// The same three points without a rest, then back to the middle.
 fn on_the_way() -> Plan {
     looking(|plan| {
         let step = &mut plan["steps"][0];
@@ -134,7 +134,7 @@ fn a_continuous_scan_goes_on_from_point_to_point() {
     assert!(off(refused("N0 G53 G1 X5 F60", "N0 G38.3 X5 F60")));
 }
 
-/// A nest of three sensors at 120°, 35.26° below its centre at Z = 60, for a ball of 11 mm: their bodies are
+/// A nest of three sensors at 120°, 35.26° below its centre at Z = 60, for a ball of 11 mm radius: their bodies are
 /// 1.5 mm from the ball, and 0.5 mm at the near end of their range.
 fn nest(at_x: f64, change: impl FnOnce(&mut Value)) -> Plan {
     plan(|plan| {
@@ -191,8 +191,8 @@ fn the_ball_in_a_nest_moves_and_the_table_turns_about_it() {
     for confirmed in [Confirmed::default(), Confirmed::all()] {
         let proof = proven_as(&plan, IN_NEST, Some(&beside()), confirmed).unwrap();
         assert_eq!((proof.motions, proof.steps.len()), (17, 1));
-        // The gap of 1.5 mm; the ball moves 0.1 mm along X towards the sensor there, cos 35.26° of it along
-        // the line, or down, sin 35.26°.
+        // The gap of 1.5 mm, minus the approach: the ball moves 0.1 mm along X towards the sensor, of which the cos
+        // 35.26° part counts, or down, of which the sin 35.26° part counts.
         let nearest = proof.nearest.unwrap();
         assert_eq!(nearest.between, ["stylus ball", "n0"]);
         let expected = 1.5 - 0.1 * (2.0_f64 / 3.0).sqrt();
@@ -206,12 +206,12 @@ fn between_the_sensors_the_ball_moves_slowly() {
     let plan = nest(0.0, |_| {});
     let near = |refusal: Refusal| matches!(refusal.reason, Reason::Near { .. });
     let feed = |refusal: Refusal| matches!(refusal.reason, Reason::Feed { .. });
-    // A hold within 0.5 mm: at most 98 mm/min.
+    // A hold must stop within 0.5 mm: at most 98 mm/min.
     assert!(feed(nest_refused(&plan, "Z180 F60", "Z180 F120")));
     let fast = nest(0.0, |plan| plan["steps"][0]["feed_mm_min"] = 120.0.into());
     assert!(feed(nest_refused(&fast, "X0.1 F60", "X0.1 F120")));
     assert!(near(nest_refused(&plan, "Z190 F60", "Z180.5 F1000")));
-    // Leaving a nest: slowly, and no rapid.
+    // The ball leaves a nest slowly, not by a rapid.
     let in_nest = beside().with(Axis::X, 0.0).with(Axis::Z, 180.0);
     let from_nest = |feed: &str| {
         let text = IN_NEST.replacen("Z450 F60", &format!("Z450 F{feed}"), 1);
@@ -230,7 +230,7 @@ fn between_the_sensors_the_ball_moves_slowly() {
 
 #[test]
 fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
-    // 5 mm along X bring the ball nearer to one sensor by 5 mm · cos 35.26°, more than its gap.
+    // 5 mm along X move the ball nearer to one sensor by 5 mm · cos 35.26°, more than its gap.
     for at_x in [-5.0, 5.0, -1.4] {
         let refusal = nest_refused(&nest(at_x, |_| {}), "N0 G53 G1 Z450", "N0 G53 G1 Z450");
         let Reason::Near { between: [one, other], need, .. } = &refusal.reason else {
@@ -238,7 +238,7 @@ fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
         };
         assert_eq!((one.as_str(), *need), ("stylus ball", 0.5), "{other}");
     }
-    // Gap 1.5 mm − 1.1 mm · cos 35.26° = 0.6 mm without the moves by 0.1 mm.
+    // Gap 1.5 mm − 1.1 mm · cos 35.26° = 0.6 mm, without the moves by 0.1 mm.
     let off = nest(-1.1, |plan| {
         let step = &mut plan["steps"][0];
         step["path"] = json!([step["from"]]);
@@ -253,7 +253,8 @@ fn a_ball_beside_the_nest_and_a_solid_in_the_way_are_refused() {
         })
     };
     let prove = |x: f64| proven_as(&post(x), IN_NEST, Some(&beside()), Confirmed::default());
-    // The probe's body, 30 mm in radius, is 60 mm above the centre of the ball: from 120 mm on beside the post.
+    // The probe's body, 30 mm in radius, is 60 mm above the centre of the ball: it is beside the post from 120 mm
+    // on.
     prove(32.3).unwrap();
     let refusal = prove(31.9).unwrap_err();
     assert!(

@@ -1,4 +1,4 @@
-//! All bodies of a plan, and which of them could meet.
+//! All bodies of a plan, and the pairs that could collide.
 
 use nalgebra::Vector3;
 
@@ -17,52 +17,52 @@ use machine::record::machine::Carrier;
 use machine::record::plan::Plan;
 use machine::record::sensor::Mount;
 
-/// What a probing move keeps from all that it is not there to touch, mm: the probe does not feel a
-/// nose on a clamp, its own body on a stem or a table on a column, so nothing would stop there, and
-/// what the machine file declares is not measured to the last tenth. The stylus, ball and stem, feels
-/// the artefact, stems included: on guarded moves it keeps that artefact's uncertainty and no more.
+/// Minimum clearance of a probing move from everything that it does not touch, mm. The probe does not detect the
+/// nose on a clamp, its own body on a stem or the table on a column, so nothing would stop there; and the declared
+/// bodies are not measured to the last tenth. The probe does detect contact of its stylus (ball and stem) with the
+/// artefact, including stems: on guarded moves, the stylus keeps only the artefact's uncertainty.
 const UNFELT_MM: f64 = 0.5;
-/// Rounding of the text and of the position that the control shows, mm.
+/// Tolerance for rounding of the text and of the position that the control reports, mm.
 const LEAVING_MM: f64 = 0.01;
 
 pub struct Scene {
     bodies: Vec<Body>,
     pairs: Vec<Pair>,
-    /// How far the artefact may be from where it is thought to be.
+    /// Maximum distance of the artefact from its assumed position, mm.
     pub uncertainty: f64,
-    /// Bodies that nobody declared, and neighbours.
+    /// Bodies that are not declared, and unchecked neighbours.
     pub not_looked_at: Vec<String>,
 }
 
-/// Clearance, mm, and the two bodies.
+/// Clearance, mm, and the names of the two bodies.
 type Found = (f64, [String; 2]);
 
-/// What must hold on a way.
+/// Clearance rule for a path.
 #[derive(Debug, Clone, Copy)]
 pub enum Care {
-    /// All pairs stay further apart than this, wherever within its uncertainty the artefact stands.
+    /// All pairs stay farther apart than this, mm, wherever the artefact is within its uncertainty.
     Apart(f64),
-    /// As `Apart`, but the stylus ball may be as near to a sensor on the table as the sensor's range allows.
+    /// Like `Apart`, but the stylus ball may be as near to a sensor on the table as the sensor's range allows.
     InNest(f64),
-    /// A guarded move: nothing meets, and what the probe does not feel stays [`UNFELT_MM`] apart.
+    /// A guarded move: no bodies collide, and pairs whose contact the probe does not detect stay [`UNFELT_MM`]
+    /// apart.
     Guarded,
-    /// As `Guarded`, save that what stands nearer at the start may do so all the way: the first,
-    /// guarded move of a machine that was stopped beside the artefact. It must not come nearer.
+    /// Like `Guarded`, but a pair that is nearer at the start may keep that distance during the whole move: the
+    /// first, guarded move of a machine that was stopped beside the artefact. The pair must not come nearer.
     Leaving,
-    /// An unguarded move out of contact: what is nearer than [`MARGIN_MM`] at the start must not come
-    /// nearer, the rest keeps [`MARGIN_MM`]. A pair that meets at the start is not judged: one such pair
-    /// is in contact, and where the machine truly is, is not known.
+    /// An unguarded move out of contact: a pair that is nearer than [`MARGIN_MM`] at the start must not come
+    /// nearer, all others keep [`MARGIN_MM`]. A pair that intersects at the start is not checked: one such pair is
+    /// in contact, and the true position of the machine is unknown.
     Retracting,
-    /// A touch of this body of the artefact: what may not come near another for its sake stays
-    /// clear,
+    /// A touch of this body of the artefact: all pairs that do not concern this body stay [`UNFELT_MM`] apart.
     Strangers(usize),
-    /// and so does what rides with the stylus ball, of that body and its stem, which may be off
-    /// across the touch.
+    /// A touch of this body, whose position may be off across the touch: parts that move with the stylus ball stay
+    /// clear of this body and its stem.
     Riders(usize, Across),
 }
 
 impl Scene {
-    /// `artefact` as it is to be looked at.
+    /// Builds the scene with `artefact` at its assumed position.
     pub fn new(plan: &Plan, artefact: &Artefact) -> Result<Self, Reason> {
         let chain = Chain::new(&plan.machine)?;
         let mut builder = Builder { chain, bodies: Vec::new() };
@@ -82,7 +82,7 @@ impl Scene {
         Ok(Self { bodies: builder.bodies, pairs, uncertainty, not_looked_at })
     }
 
-    /// What is there to be touched, by its number.
+    /// Bodies that are touched, with their numbers.
     pub fn touched(&self) -> impl Iterator<Item = (usize, &Body)> {
         self.bodies.iter().filter_map(|body| match body.role {
             Role::Touched(number) => Some((number, body)),
@@ -94,12 +94,12 @@ impl Scene {
         self.bodies.iter().find(|body| body.role == Role::StylusBall)
     }
 
-    /// The smallest clearance on the way, mm, and of what, if it is below `most`. The ball and the
-    /// artefact count on unguarded ways only: otherwise they are meant to come near. What rides on
-    /// one side never counts: how near it comes is its maker's choice.
+    /// Smallest clearance on the path, mm, and its two bodies, if it is below `most`. The pair of stylus ball and
+    /// artefact counts on unguarded paths only, because otherwise it is meant to come near. Pairs on one side never
+    /// count, because their distance is a matter of the machine's design.
     ///
     /// # Errors
-    /// The first pair that comes too near, or cannot be shown not to.
+    /// The first pair that comes too near, or cannot be proven clear.
     pub fn look(&self, way: &Way, care: &Care, most: f64) -> Result<Option<Found>, Reason> {
         let mut found = None;
         let mut nearest = most;
@@ -146,7 +146,7 @@ impl Scene {
         Ok(found)
     }
 
-    /// Middle of each body at both ends of the way, machine frame.
+    /// Centre of each body at both ends of the path, machine frame.
     fn centres(&self, way: &Way) -> Vec<[Vector3<f64>; 2]> {
         let mut poses: Vec<(&Carried, [Pose; 2])> = Vec::new();
         let of = |body: &Body, [from, to]: [Pose; 2]| {
@@ -169,7 +169,7 @@ impl Scene {
     }
 }
 
-/// On a way without turning, are the balls around the two bodies further apart than is asked?
+/// On a path without turning: whether the bounding balls of the two bodies stay farther apart than required.
 fn far_apart(pair: &Pair, centres: &[[Vector3<f64>; 2]], demand: &Demand) -> bool {
     let [Some(one), Some(other)] = pair.numbers.map(|number| centres.get(number)) else {
         return false;
@@ -180,8 +180,8 @@ fn far_apart(pair: &Pair, centres: &[[Vector3<f64>; 2]], demand: &Demand) -> boo
     apart - reach - loose > demand.need.max(demand.nearest - FOUND_WITHIN)
 }
 
-/// How near the two may stand at the start of the way, mm, to leave: as they are. `None`: they meet
-/// where they are thought to be.
+/// Required clearance of a pair that is leaving, mm: its clearance at the start of the path. `None` if the two
+/// intersect at the assumed positions.
 fn at_start(pair: &Pair, way: &Way) -> Option<f64> {
     let start = Way { from: way.from, to: way.from };
     let demand = Demand { need: 0.0, grown: 0.0, across: None, nearest: f64::INFINITY };
@@ -192,14 +192,14 @@ fn at_start(pair: &Pair, way: &Way) -> Option<f64> {
 }
 
 impl Pair {
-    /// What the two keep between them on a guarded move, mm.
+    /// Required clearance of the pair on a guarded move, mm.
     fn guarded(&self) -> f64 {
         if self.felt { 0.0 } else { UNFELT_MM }
     }
 }
 
 impl Meets {
-    /// Is the pair about this body of the artefact?
+    /// Whether the pair concerns this body of the artefact.
     fn of(self, meant: usize) -> bool {
         matches!(self, Self::Touch(number) | Self::Beside(number) if number == meant)
     }
@@ -219,7 +219,7 @@ impl Builder {
         Ok(())
     }
 
-    /// A stem begins within the ball that it carries. Returns what is not declared.
+    /// Adds the artefact. A stem begins inside the ball that it carries. Returns the names of undeclared parts.
     fn artefact(&mut self, artefact: &Artefact) -> Result<Vec<String>, Reason> {
         let parts = artefact::parts(artefact);
         let frame = match artefact {
@@ -250,13 +250,13 @@ impl Builder {
         Ok(bare.map(|part| format!("stem of {}", part.name)).collect())
     }
 
-    /// What sits in the spindle and turns with it, and the sensors wherever they are mounted. Returns what
-    /// is not declared.
+    /// Adds the parts in the spindle that turn with it, and the sensors on every mount. Returns the names of
+    /// undeclared parts.
     fn tool(&mut self, plan: &Plan) -> Result<Vec<String>, Reason> {
         let turns = self.chain.topology().contains(Axis::S);
         let spindle = if turns { Carrier::Axis(Axis::S) } else { Carrier::Spindle };
         let mut missing = Vec::new();
-        // A sensor in the spindle takes the place of the probe.
+        // A sensor in the spindle replaces the probe.
         if !plan.sensors.iter().any(|sensor| sensor.mount.is_spindle()) {
             missing.extend(self.probe(plan, spindle)?);
         }
@@ -286,7 +286,7 @@ impl Builder {
         Ok(missing)
     }
 
-    /// Ball, stem and body of the probe. Returns what is not declared.
+    /// Adds ball, stem and body of the probe. Returns the names of undeclared parts.
     fn probe(&mut self, plan: &Plan, on: Carrier) -> Result<Vec<String>, Reason> {
         let probe = &plan.probe;
         let ball = Vector3::from(plan.machine.tool_mm);
@@ -308,7 +308,7 @@ impl Builder {
         Ok(missing)
     }
 
-    /// Sides of the machine without a solid.
+    /// Sides of the machine without a declared solid.
     fn bare(&self, plan: &Plan) -> Vec<String> {
         let solid_on = |side: Side| {
             let carried = |on| self.chain.carried(on).map(|carried| carried.side());

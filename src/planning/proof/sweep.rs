@@ -1,10 +1,10 @@
-//! Two bodies on their way: how near they come, by halving the way as often as it takes.
+//! Smallest distance of two bodies during a motion, found by repeated bisection of the path.
 //!
-//! Over a part of the way, no point strays further from where it stands in the middle than
-//! [`Going::sweep`](machine::kinematics::Going::sweep) says; what is further apart in the middle
-//! does not meet on that part. Where nothing turns, what keeps two bodies apart across one direction
-//! does so along the whole way, and one look is often enough. Rotary axes move together with linear
-//! ones, straight in joint space, and nothing between samples is left to chance.
+//! During a part of the path, no point moves farther from its position in the middle than
+//! [`Going::sweep`](machine::kinematics::Going::sweep) states. If the bodies are farther apart than that in the
+//! middle, they do not meet during that part. Without rotation, a direction that separates two bodies separates
+//! them along the whole path, and one evaluation is often enough. Rotary axes move together with linear axes,
+//! straight in joint space, and the bound also covers the positions between the evaluated ones.
 
 use nalgebra::{Point3, Vector3};
 
@@ -14,9 +14,9 @@ use machine::Axis;
 use machine::frame::unit_vector;
 use machine::kinematics::{Commands, Going};
 
-/// The smallest clearance of a step is found to within this, mm.
+/// Accuracy of the smallest clearance of a step, mm.
 pub(super) const FOUND_WITHIN: f64 = 0.02;
-/// What is nearer than this on the way counts as met, mm.
+/// Distance below which two bodies count as colliding, mm.
 const RESOLUTION: f64 = 1e-3;
 
 /// A straight motion in joint space.
@@ -27,7 +27,7 @@ pub struct Way {
 }
 
 impl Way {
-    /// Does a rotary axis or the spindle move?
+    /// Whether a rotary axis or the spindle moves.
     pub fn turns(&self) -> bool {
         Axis::ALL.iter().any(|axis| !axis.is_linear() && self.moves(*axis))
     }
@@ -45,30 +45,30 @@ impl Way {
     }
 }
 
-/// What is asked of two bodies.
+/// Clearance requirement for two bodies.
 #[derive(Debug, Clone, Copy)]
 pub struct Demand {
-    /// They must stay further apart than this.
+    /// Minimum distance of the bodies, mm.
     pub need: f64,
-    /// One of them may be nearer by this than it is thought to be: to all sides,
+    /// Position uncertainty of one body in all directions, mm.
     pub grown: f64,
-    /// or across a direction only.
+    /// Position uncertainty across one direction only.
     pub across: Option<Across>,
-    /// Clearances above this are of no interest.
+    /// Clearances above this value are ignored, mm.
     pub nearest: f64,
 }
 
-/// The smallest clearance, mm, if it is below `demand.nearest`.
+/// Returns the smallest clearance, mm, if it is below `demand.nearest`.
 ///
 /// # Errors
-/// They come within `demand.need`, as the value says, or cannot be shown not to.
+/// The clearance, mm, if the bodies come within `demand.need` or cannot be proven not to.
 pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Option<f64>, f64> {
     let bounds = (one.shape.bounds(), other.shape.bounds());
     let reaches = bounds.0.1 + bounds.1.1;
     let loose = demand.grown + demand.across.map_or(0.0, |across| across.by);
     let straight = straight(way, one, other);
     let mut nearest = demand.nearest;
-    // Middle and half-length of the parts still to be looked at.
+    // Middle and half-length of the parts that are not evaluated yet.
     let mut parts = vec![(0.5, 0.5)];
     let mut hint = straight.map(|goes| {
         let at_end = |body: &Body, (centre, _): (Vector3<f64>, f64)| {
@@ -94,7 +94,7 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
             continue;
         }
         let (one_at, other_at) = (one.shape.placed(&one_at), other.shape.placed(&other_at));
-        // Without turning, the gap across one direction changes evenly along the way.
+        // Without rotation, the gap across one direction changes linearly along the path.
         let change = |direction: Vector3<f64>| {
             straight.map_or(stray, |goes| share * goes.dot(&direction).abs())
         };
@@ -115,7 +115,7 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
     Ok((nearest < demand.nearest).then_some(nearest))
 }
 
-/// How the other body goes as seen from the one, mm, machine frame; `None` if either turns.
+/// Displacement of the other body relative to the first, mm, machine frame; `None` if either rotates.
 fn straight(way: &Way, one: &Body, other: &Body) -> Option<Vector3<f64>> {
     let turns = |body: &Body| body.carried.axes().any(|axis| !axis.is_linear() && way.moves(axis));
     let goes = |body: &Body| {
@@ -125,7 +125,7 @@ fn straight(way: &Way, one: &Body, other: &Body) -> Option<Vector3<f64>> {
     (!turns(one) && !turns(other)).then(|| goes(other) - goes(one))
 }
 
-/// The point nearest to the origin on the straight line between two points.
+/// Point nearest to the origin on the straight line between two points.
 pub(super) fn nearest_origin(from: Vector3<f64>, to: Vector3<f64>) -> Vector3<f64> {
     let goes = to - from;
     let square = goes.norm_squared();

@@ -1,12 +1,12 @@
-//! Cases whose clearances are known by hand, through the text as in a run.
+//! Proofs in cases whose clearances are computed by hand, with the text of a run.
 
 use serde_json::{Value, json};
 
 use super::*;
 use machine::Axis;
 
-/// Ball of 3 mm, 120 mm below the spindle datum; a part of radius 45 mm and 100 mm height around the
-/// origin, known to 1 mm. The one step touches it from +X at half its height.
+/// Ball of 3 mm radius, 120 mm below the spindle datum; a part of radius 45 mm and 100 mm height around the origin,
+/// with an uncertainty of 1 mm. The only step touches it from +X at half its height.
 pub(super) fn plan(change: impl FnOnce(&mut Value)) -> Plan {
     let linear = json!({"min": -300.0, "max": 300.0, "acceleration_per_s2": 1000.0});
     let height = json!({"min": -50.0, "max": 450.0, "acceleration_per_s2": 1000.0});
@@ -27,7 +27,7 @@ pub(super) fn plan(change: impl FnOnce(&mut Value)) -> Plan {
     serde_json::from_value(plan).unwrap()
 }
 
-/// Up at the right of the part, rotary axes at zero.
+/// A high position at the right of the part, rotary axes at zero.
 pub(super) fn beside() -> Position {
     let axes = [(Axis::X, 100.0), (Axis::Y, 0.0), (Axis::Z, 300.0), (Axis::B, 0.0), (Axis::C, 0.0)];
     axes.into_iter().collect()
@@ -54,7 +54,7 @@ pub(super) fn proven_as(
     prove(&Request { plan, stages: &stages, stands, confirmed, dialect: &dialect, programs })
 }
 
-/// What the first lines are refused for; `None` if nothing is wrong but that the touch is missing.
+/// Reason for which the first lines are refused; `None` if the only fault is the missing touch.
 #[track_caller]
 fn refused(plan: &Plan, lines: &str) -> Option<Reason> {
     let refusal = proven_from(plan, lines, Some(&beside())).unwrap_err();
@@ -70,7 +70,7 @@ fn assert_near(plan: &Plan, lines: &str, pair: [&str; 2], expected: f64) {
     match refused(plan, lines) {
         Some(Reason::Near { between, clearance, .. }) => {
             assert_eq!(between, pair);
-            // The first place found that is too near, not the nearest.
+            // The first position found that is too near, not necessarily the nearest.
             assert!(clearance <= expected + 0.01, "{clearance}, not {expected}");
         }
         other => panic!("{other:?}"),
@@ -90,14 +90,14 @@ fn a_whole_touch_is_proven_and_its_nearest_pair_is_known_by_hand() {
     });
     let proof = proven_from(&with_stem, WHOLE, Some(&beside())).unwrap();
     assert_eq!((proof.motions, proof.steps.len()), (5, 1));
-    // At contact the stem is the ball's radius less its own away; the ball goes 0.1 mm of pre-travel
-    // and as much further as a part 1 mm aside lets it: 48 − √(48² − 1) = 0.01 mm.
+    // At contact, the distance of the stem is the ball's radius minus its own radius. The ball moves on by 0.1 mm
+    // of pre-travel, and by the amount that a part 1 mm aside allows: 48 − √(48² − 1) = 0.01 mm.
     let nearest = proof.nearest.unwrap();
     assert_eq!(nearest.between, ["stylus stem", "artefact"]);
     assert!((nearest.clearance_mm - 1.89).abs() < 0.03, "{nearest:?}");
     assert_eq!(nearest.line, 6, "the line of the touch");
     assert_eq!(proof.not_looked_at, ["spindle nose", "table"]);
-    // A body 20 mm in radius that hangs 40 mm above the ball is beside the part, 3 − 20 mm into it.
+    // A probe body 20 mm in radius, 40 mm above the ball, is beside the part, 3 − 20 mm into it.
     let short = plan(|plan| {
         plan["probe"]["stem_length_mm"] = 40.0.into();
         plan["probe"]["body_radius_mm"] = 20.0.into();
@@ -117,22 +117,22 @@ fn rapids_keep_the_margin_from_a_box_and_guarded_moves_do_not_touch_it() {
                 "max_mm": [x, 5.0, top]}]);
         })
     };
-    // The ball flies over at 180 mm and is 3 mm thick.
+    // The ball centre passes at 180 mm, and its radius is 3 mm.
     let over = "N0 G53 G0 X-100\n";
     assert_eq!(refused(&with_box(-60.0, 174.99), over), None);
     assert_near(&with_box(-60.0, 175.01), over, ["stylus ball", "clamp"], 1.99);
     let guarded = "N0 G38.3 X-100 F1500\n";
     assert_eq!(refused(&with_box(-60.0, 176.49), guarded), None);
     assert_near(&with_box(-60.0, 176.51), guarded, ["stylus ball", "clamp"], 0.49);
-    // Down beside it: 100 − 3 − 2.
+    // Down beside the box: 100 − 3 − 2.
     assert_eq!(refused(&with_box(94.99, 200.0), "N0 G53 G0 Z200\n"), None);
     assert_near(&with_box(95.01, 200.0), "N0 G53 G0 Z200\n", ["stylus ball", "clamp"], 1.99);
 }
 
 #[test]
 fn what_turns_is_looked_at_on_the_way() {
-    // A post on the table, 10 mm square at X = −100, as high as the ball: a half turn of C brings it
-    // to the ball, a quarter turn leaves it at ±Y.
+    // A post on the table, 10 mm square at X = −100, as high as the ball: a half turn of C moves it to the ball, a
+    // quarter turn to ±Y.
     let post = |top: f64| {
         plan(|plan| {
             plan["solids"] = json!([{"name": "post", "on": "table", "from_mm": [-105.0, -5.0, 0.0],
@@ -141,17 +141,17 @@ fn what_turns_is_looked_at_on_the_way() {
     };
     assert_eq!(refused(&post(200.0), "N0 G53 G0 C90\n"), None);
     assert_near(&post(200.0), "N0 G53 G0 C180\n", ["stylus ball", "post"], 2.0);
-    // All the way round: it passes the ball and is far again at the end.
+    // Almost a full turn: the post passes the ball and is far away at the end.
     assert_near(&post(200.0), "N0 G53 G0 C350\n", ["stylus ball", "post"], 2.0);
-    // 180 − 3 − 2.
+    // Limit of the height: 180 mm minus the ball's radius (3 mm) and the margin (2 mm).
     assert_eq!(refused(&post(174.9), "N0 G53 G0 C350\n"), None);
-    // B turns the part about Y towards the ball at X = 100: its upper rim reaches
-    // √(100² + 45²) = 109.7 mm from the axis; 3 + 1 + 2 more are to be kept: 115.7, at 58.1 mm height.
+    // B turns the part about Y towards the ball at X = 100: its upper rim reaches √(100² + 45²) = 109.7 mm from the
+    // axis. With a required 3 + 1 + 2 mm, this is 115.7 mm, at a height of 58.1 mm.
     let bare = plan(|_| {});
     assert_eq!(refused(&bare, "N0 G53 G0 Z178.5\nN0 G53 G0 B-90\n"), None);
     let low = "N0 G53 G0 Z177.5\nN0 G53 G0 B-90\n";
     assert_near(&bare, low, ["stylus ball", "artefact"], 2.0);
-    // Work side against bed.
+    // Workpiece side against bed.
     let fenced = plan(|plan| {
         plan["solids"] = json!([
             {"name": "arm", "on": "B", "from_mm": [-200.0, -20.0, -20.0], "to_mm": [-150.0, 20.0, 0.0]},
@@ -173,7 +173,7 @@ fn what_rides_above_the_ball_is_looked_at() {
                  "to_mm": [150.0, 5.0, 290.0]}]);
         })
     };
-    // The ball passes the pillar at 37 mm; the nose, 50 mm in radius, over it at 300 + lowest.
+    // The ball passes the pillar at 37 mm; the nose, 50 mm in radius, passes above it at 300 + lowest.
     assert_eq!(refused(&nose(-7.9), "N0 G53 G0 X99\n"), None);
     assert_near(&nose(-8.1), "N0 G53 G0 X99\n", ["nose", "pillar"], 1.9);
 }
@@ -189,7 +189,7 @@ fn contact_must_be_expected_on_the_way_and_not_before() {
     };
     let refusal = proven_from(&reach(51.0, 48.5), &far, Some(&beside())).unwrap_err();
     assert_eq!((refusal.line, refusal.reason), (6, Reason::NoContact));
-    // The part may stand 1 mm nearer: 48 + 1.
+    // The part may be 1 mm nearer: 48 + 1.
     let close = WHOLE.replace("X50", "X48.9");
     let refusal = proven_from(&reach(48.9, 47.0), &close, Some(&beside())).unwrap_err();
     assert_eq!(refusal.line, 5, "{refusal}");
@@ -205,12 +205,12 @@ fn before_it_is_known_where_the_machine_stands_nothing_is_claimed() {
     let proof = proven_from(&plan(|_| {}), &text, None).unwrap();
     let told = "the way of lines 4 to 6, before it is known where all axes stand";
     assert_eq!(proof.not_looked_at.last().map(String::as_str), Some(told));
-    // The same start, known: inside the part's zone. Nothing is skipped.
+    // The same start, but known: inside the zone of the part. Nothing is skipped.
     let inside = beside().with(Axis::X, 48.0).with(Axis::Z, 150.0);
     let refusal = proven_from(&plan(|_| {}), &text, Some(&inside)).unwrap_err();
     assert_eq!(refusal.line, 4);
     assert!(refusal.remedy().contains("by hand"), "{}", refusal.remedy());
-    // A touch from nobody knows where is none.
+    // A touch from an unknown position is refused.
     let refusal = proven_from(&plan(|_| {}), "N0 G38.3 X47 Y0 Z170 F30\n", None).unwrap_err();
     assert_eq!((refusal.line, refusal.reason), (4, Reason::Unknown(Axis::X)));
 }
@@ -226,8 +226,9 @@ fn feeds_must_let_the_machine_stop_within_the_overtravel() {
     assert_eq!(refused(&fast, "N0 G38.3 X120 F5360\n"), None);
 }
 
-/// Stopped 0.3 mm from a part that is known to 1 mm: straight up is allowed, guarded and as the
-/// first move; towards the part, unguarded, or from within it is not.
+/// The ball was stopped 0.3 mm from a part with an uncertainty of 1 mm. A straight move up is allowed if it is
+/// guarded and the first move; a move towards the part, an unguarded move, or a move from inside the part is
+/// refused.
 #[test]
 fn a_machine_stopped_beside_the_part_may_rise() {
     let plan = plan(|_| {});
@@ -242,7 +243,7 @@ fn a_machine_stopped_beside_the_part_may_rise() {
     assert!(refused(47.9, "N0 G38.3 Z300 F1500\n"));
 }
 
-/// B carries an arm at +X, C above it the table with a clamp at −X.
+/// B carries an arm at +X; above it, C carries the table with a clamp at −X.
 #[test]
 fn what_turns_against_each_other_on_one_side_is_looked_at() {
     let carrying = |more: Value| {
@@ -261,7 +262,7 @@ fn what_turns_against_each_other_on_one_side_is_looked_at() {
     assert_eq!(refused(&bare, "N0 G53 G0 C90\nN0 G53 G0 B20\n"), None);
     assert_near(&bare, "N0 G53 G0 C180\n", ["clamp", "arm"], 2.0);
     assert_near(&bare, "N0 G53 G0 B20 C350\n", ["clamp", "arm"], 2.0);
-    // A table 1.9 mm above its cradle: built close, and told; at 2.1 mm it is looked at and passes.
+    // A table 1.9 mm above its cradle is built close, so it is reported; at 2.1 mm it is checked and passes.
     let on_cradle = |top: f64| {
         carrying(json!([
             {"name": "table", "on": "table", "from_mm": [0.0, 0.0, -40.0], "to_mm": [0.0, 0.0, 0.0],
@@ -279,7 +280,7 @@ fn what_turns_against_each_other_on_one_side_is_looked_at() {
     assert_eq!(told(-42.1), [""; 0]);
 }
 
-/// The spindle goes down past a rack on the X slide.
+/// The spindle moves down past a rack on the X slide.
 #[test]
 fn what_moves_against_each_other_on_the_tool_side_is_looked_at() {
     let racked = plan(|plan| {
@@ -292,7 +293,7 @@ fn what_moves_against_each_other_on_the_tool_side_is_looked_at() {
     assert_near(&racked, "N0 G53 G0 Z151.9\n", ["nose", "rack"], 2.0);
 }
 
-/// A ledge over the part: at the end of the touch the stem would pass it at 46 mm less its edge.
+/// A ledge over the part: at the end of the touch, the stem would pass it at 46 mm minus its edge.
 #[test]
 fn a_touch_keeps_its_distance_from_what_the_probe_does_not_feel() {
     let ledge = |edge: f64| {
@@ -309,7 +310,7 @@ fn a_touch_keeps_its_distance_from_what_the_probe_does_not_feel() {
     assert!(refusal.to_string().contains("would not feel it, so 0.50 mm are kept"), "{refusal}");
 }
 
-/// Step 1 asks a person; the touch comes after it.
+/// Step 1 is a prompt; the touch comes after it.
 #[test]
 fn a_person_is_asked_by_one_stop_and_nothing_else() {
     let plan = plan(|plan| {
@@ -326,7 +327,7 @@ fn a_person_is_asked_by_one_stop_and_nothing_else() {
         prove(&Request { plan: &plan, stages, stands, confirmed, dialect, programs: &programs })
     };
     let slow = WHOLE.split_once('\n').unwrap().1.replace("F1500", "F300");
-    // Where it stands after the stop nobody knows: all axes have to be told, carefully.
+    // After the stop, the position is unknown: the program must move all axes, with the careful rules.
     let up = "N0 G38.3 Z450 F1500\nN0 G53 G1 B0 F300\nN0 G53 G1 C0 F300\nN0 G38.3 X50 Y0 F1500\n";
     let proof = proven(&format!("N1 M0\n{up}{slow}")).unwrap();
     assert!(proof.not_looked_at.iter().any(|what| what.contains("all axes")), "{proof:?}");

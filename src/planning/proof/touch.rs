@@ -1,11 +1,11 @@
-//! Which body a touch is to meet, how far it goes, and what may come near that body on the way.
+//! The body that a touch meets, the length of the touch, and the bodies that may come near.
 //!
-//! The body stands somewhere within its uncertainty, but the ball stops where *it* stands: what is
-//! off along the touch shifts contact and everything that rides with the ball alike. What is off
-//! across it does not. So stem, probe body and whatever else rides on the spindle are looked at as
-//! far as the ball gets with that body off across the touch to any side, against the body (and its
-//! stem, which rides with it) grown across the touch; for everything else, the other balls of an
-//! artefact among it, the touch goes its full length.
+//! The body is somewhere within its uncertainty, but the stylus ball stops at its *actual* position. An offset
+//! along the touch shifts contact and all parts that move with the ball alike; an offset across the touch does not.
+//! Therefore stem, probe body and all other parts on the spindle are checked as far as the ball gets when that body
+//! is offset across the touch in any direction. They are checked against the body (and its stem, which moves with
+//! it) enlarged across the touch. Against everything else, including the other balls of an artefact, the touch is
+//! checked over its full length.
 
 use std::f64::consts::TAU;
 
@@ -19,26 +19,26 @@ use super::sweep::Way;
 use machine::frame::{Pose, across, unit_vector};
 use machine::kinematics::Commands;
 
-/// The trigger comes within this after contact, mm.
+/// Maximum distance between contact and trigger, mm.
 const PRE_TRAVEL: f64 = 0.1;
-/// Directions across the touch in which the artefact is shifted.
+/// Number of directions across the touch in which the artefact is shifted.
 const SHIFTS: u32 = 8;
 const HALVINGS: u32 = 40;
-/// Contact with a ball must be expected this near to where the step's normal says, degrees.
+/// Maximum angle between the expected contact with a ball and the normal of the step, degrees.
 const AIM_DEG: f64 = 25.0;
-/// Rounding of the text, mm.
+/// Rounding tolerance of the text, mm.
 const ROUNDING: f64 = 2e-3;
 
-/// As far as contact lets the ball go.
+/// Part of a touch that contact allows.
 pub struct Reach {
-    /// The body that is meant, by its number.
+    /// Number of the touched body.
     pub body: usize,
     pub way: Way,
     pub across: Across,
 }
 
-/// The stylus ball's straight way as the artefact sees it: linear axes alone move, however the table
-/// goes itself.
+/// Straight path of the stylus ball in the frame of the artefact: only linear axes move, whether or not they carry
+/// the table.
 struct Line {
     table: Pose,
     from: Vector3<f64>,
@@ -47,13 +47,13 @@ struct Line {
     radius: f64,
 }
 
-/// The body that the ball meets first where all stand as they are thought to is the one that is
-/// meant. `braking`: way from the touch's feed to rest, mm; `normal`: of the surface where the step
-/// expects contact, machine frame.
+/// Finds the body that the ball meets first when all bodies are at their assumed positions: this is the touched
+/// body. `braking`: braking distance from the touch's feed, mm; `normal`: of the surface at the expected contact,
+/// machine frame.
 ///
 /// # Errors
-/// The ball reaches none before the way ends, or not wherever a ball may stand; or another side of
-/// it than the step says.
+/// The ball meets no body before the end of the path, or would miss a ball at some position within its uncertainty,
+/// or meets it on another side than the step states.
 pub fn reach(scene: &Scene, way: &Way, braking: f64, normal: [f64; 3]) -> Result<Reach, Reason> {
     let line = Line::new(scene, way).ok_or(Reason::NoContact)?;
     let met = scene.touched().filter_map(|(number, body)| {
@@ -90,15 +90,15 @@ impl Line {
         self.from + share * (self.to - self.from)
     }
 
-    /// Where the ball meets a shape that stands off by `shift`.
+    /// Position of the ball, as a share of the path, at which it meets a shape that is displaced by `shift`.
     fn contact(&self, shape: &Shape, shift: Vector3<f64>) -> Option<f64> {
         first_contact(|share| shape.distance(self.at(share) - shift) - self.radius)
     }
 
-    /// The latest contact with a shape that is off across the way; `straight`: if it is not.
+    /// Latest contact with a shape that is displaced across the path; `straight`: contact without displacement.
     fn farthest(&self, shape: &Shape, straight: f64, uncertainty: f64) -> f64 {
         let [right, up] = across(self.along);
-        // Contact comes the later the more convex: the corners around the circle bound all of it.
+        // Contact is a convex function of the displacement: the corners of a polygon around the circle bound it.
         let corner = uncertainty / (TAU / f64::from(2 * SHIFTS)).cos();
         (0..SHIFTS).fold(straight, |farthest, k| {
             let (sin, cos) = (TAU * f64::from(k) / f64::from(SHIFTS)).sin_cos();
@@ -107,8 +107,8 @@ impl Line {
         })
     }
 
-    /// All points that the ball's centre may have lie within the round-ended rod that the touch
-    /// sweeps: then it meets the ball wherever that stands.
+    /// Checks that the touch meets the ball at every possible position: all possible positions of its centre are
+    /// within the round-ended rod that the touch sweeps.
     fn meets_wherever(
         &self,
         body: &Body,
@@ -133,7 +133,7 @@ impl Line {
     ) -> Result<(), Reason> {
         let meant = self.table.rotation.inverse() * normal;
         let out = self.at(at) - centre;
-        // Without a direction to compare with it is not a number, and the touch not aimed.
+        // Without a normal, the value is NaN, and the touch is refused.
         let cos = out.dot(&meant) / (out.norm() * meant.norm());
         let off = cos.clamp(-1.0, 1.0).acos().to_degrees();
         if off <= AIM_DEG {
@@ -143,8 +143,8 @@ impl Line {
     }
 }
 
-/// Where a distance that is convex over the way, and positive at its beginning, becomes zero;
-/// `None` if it is positive at the end.
+/// Share of the path at which a distance becomes zero; the distance is convex over the path and positive at its
+/// beginning. `None` if it is positive at the end.
 fn first_contact(free: impl Fn(f64) -> f64) -> Option<f64> {
     if free(1.0) > 0.0 {
         return None;

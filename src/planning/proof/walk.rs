@@ -1,4 +1,4 @@
-//! The text, motion by motion, against the steps whose turn it is.
+//! Checks the text, motion by motion, against the steps in their order.
 
 use std::f64::consts::PI;
 
@@ -13,20 +13,20 @@ use machine::record::plan::{Step, StepKind};
 use machine::record::proof::{Clearance, Proof};
 use machine::{Axis, Position};
 
-/// How far a step has come.
+/// Progress of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Phase {
     Approach,
-    /// On the path of a scan: so many points were reached, and it stands at the last for so long, s.
+    /// On the path of a scan: number of points reached, and time of rest at the last one, s.
     Scanning {
         reached: usize,
         rested: f64,
     },
-    /// The touch is over, the machine stands where contact stopped it.
+    /// The touch is finished, and the machine is where contact stopped it.
     Touched,
-    /// Back at `from`.
+    /// The machine is back at `from`.
     Back,
-    /// A person was asked.
+    /// The prompt has stopped the program.
     Asked,
 }
 
@@ -40,16 +40,16 @@ pub struct Walk<'a> {
     /// Steps of all stages, each with the number of its stage.
     turns: Vec<(&'a Step, usize)>,
     scenes: Vec<Scene>,
-    /// Number of the turn in hand.
+    /// Index of the current turn.
     turn: Option<usize>,
     pub(super) phase: Phase,
     stands: Position,
-    /// Line in hand, from 1.
+    /// Current line, from 1.
     line: usize,
     proof: Proof,
-    /// Smallest clearance of the step in hand.
+    /// Smallest clearance of the current step.
     nearest: Option<Clearance>,
-    /// Lines whose way is not known.
+    /// Lines whose path is not known.
     blind: Vec<usize>,
     pub(super) confirmed: Confirmed,
     pub(super) chain: Chain,
@@ -58,7 +58,7 @@ pub struct Walk<'a> {
 pub(super) type Checked = Result<(), Reason>;
 
 impl<'a> Walk<'a> {
-    /// `motions`: of the programs of the request, as read back.
+    /// Begins the check. `motions`: the motions of the request's programs, as read back.
     pub fn begin(request: &'a Request<'a>, motions: Vec<ReadMotion>) -> Result<Self, Refusal> {
         let at = |line| move |reason| Refusal { step: None, line, reason };
         let mut turns = Vec::new();
@@ -90,7 +90,7 @@ impl<'a> Walk<'a> {
         })
     }
 
-    /// All of it.
+    /// Checks all motions.
     pub fn through(mut self) -> Result<Proof, Refusal> {
         for motion in std::mem::take(&mut self.motions) {
             self.line = motion.line;
@@ -114,7 +114,7 @@ impl<'a> Walk<'a> {
         self.request
     }
 
-    /// Whether touches have confirmed where the machine stands.
+    /// Whether touches have confirmed the position of the machine.
     pub(super) fn is_confirmed(&self) -> bool {
         self.confirmed.is_all()
     }
@@ -123,7 +123,7 @@ impl<'a> Walk<'a> {
         &self.stands
     }
 
-    /// The scene of the stage in hand; of the first one before any step.
+    /// Scene of the current stage; before any step, of the first stage.
     fn scene(&self) -> Option<&Scene> {
         let stage = self.turn.and_then(|turn| self.turns.get(turn)).map_or(0, |(_, stage)| *stage);
         self.scenes.get(stage)
@@ -157,7 +157,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// A prompt is one stop; where the machine stands after it nobody knows.
+    /// Checks a prompt: it is one stop, and after it the position of the machine is unknown.
     fn ask(&mut self, kind: Kind) -> Checked {
         match (kind, self.phase) {
             (Kind::Stop, Phase::Approach) => {
@@ -170,7 +170,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// The step in hand goes on, or it is complete and the next one begins.
+    /// Continues the current step, or completes it and begins the next one.
     fn take_turn(&mut self, n: u32) -> Checked {
         let next = self.turn.map_or(0, |turn| turn + 1);
         let expected = self.turns.get(next).map(|(step, _)| step.id);
@@ -207,7 +207,7 @@ impl<'a> Walk<'a> {
         self.turns.get(next).map_or(Ok(()), |(step, _)| Err(Reason::Missing(step.id)))
     }
 
-    /// The touch of the step in hand if it begins at its `from` or ends at its `to`, otherwise a
+    /// Checks a probing move: the touch of the current step if it begins at `from` or ends at `to`, otherwise a
     /// guarded move.
     fn probe(&mut self, motion: &ReadMotion, must_touch: bool) -> Checked {
         let step = self.step().ok_or(Reason::NoStep)?;
@@ -241,7 +241,7 @@ impl<'a> Walk<'a> {
         self.go(&motion.target, &care)
     }
 
-    /// A machine that was stopped low may rise from where it stands.
+    /// Clearance rule of a guarded move. A machine that was stopped at a low position may first move up from it.
     pub(super) fn guarded_care(&self) -> Care {
         if self.proof.motions == 0 { Care::Leaving } else { Care::Guarded }
     }
@@ -258,7 +258,7 @@ impl<'a> Walk<'a> {
             let scene = self.scene().ok_or(Reason::NoStep)?;
             touch::reach(scene, &way, braking, step.normal)?
         };
-        // Where it begins the ball is clear of the artefact, wherever that stands.
+        // At its start, the ball is clear of the artefact, wherever the artefact is.
         self.look(&Way { from, to: from }, &Care::Guarded)?;
         self.look(&way, &Care::Strangers(reach.body))?;
         self.look(&reach.way, &Care::Riders(reach.body, reach.across))?;
@@ -267,7 +267,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// G1: from contact straight back to `from`, over the way that the touch has proven.
+    /// Checks a G1 move: from contact straight back to `from`, along the path that was proven for the touch.
     fn back(&mut self, motion: &ReadMotion) -> Checked {
         let step = self.step().ok_or(Reason::NoStep)?;
         if self.phase != Phase::Touched {
@@ -283,7 +283,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// The spindle turns to `s`, nobody knows which way round.
+    /// Checks an orientation of the spindle to `s`; the sense of rotation is unknown.
     pub(super) fn orient(&mut self, s: f64) -> Checked {
         if !self.is_confirmed() {
             self.is_high(&Position::new().with(Axis::S, s))?;
@@ -298,7 +298,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// Straight to `target`.
+    /// Checks a straight move to `target`.
     pub(super) fn go(&mut self, target: &Position, care: &Care) -> Checked {
         let ends = self.stands.updated_by(target);
         match (self.commands(&self.stands), self.commands(&ends)) {
@@ -309,7 +309,7 @@ impl<'a> Walk<'a> {
         Ok(())
     }
 
-    /// Commands of all axes; a spindle that nobody has oriented stands at zero.
+    /// Commands of all axes; a spindle that is not oriented counts as zero.
     fn commands(&self, position: &Position) -> Result<Commands, Reason> {
         let axes = self.request.plan.machine.axes.keys();
         let mut unknown = axes.filter(|axis| **axis != Axis::S && position.get(**axis).is_none());
@@ -319,7 +319,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// The way is free; the smallest clearance is kept.
+    /// Checks that the path is free, and keeps the smallest clearance.
     fn look(&mut self, way: &Way, care: &Care) -> Checked {
         let most = self.nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
         let found = self.scene().map_or(Ok(None), |scene| scene.look(way, care, most))?;

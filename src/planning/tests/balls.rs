@@ -1,4 +1,4 @@
-//! Balls: which touches are free, where they go, what they say, and in which order.
+//! Balls: accessible touches, their positions, the evaluation of readings, and the order of balls.
 
 use nalgebra::{Matrix3, Vector3};
 use serde_json::{Value, json};
@@ -17,7 +17,7 @@ fn ball(id: &str, centre: [f64; 3], stem: [f64; 3]) -> Value {
         "stem_radius_mm": 3.0, "stem_length_mm": 60.0})
 }
 
-/// Stylus 150 mm long, 1.5 mm thick, with a ball of 3 mm; then a probe of 20 mm radius.
+/// Stylus 150 mm long, 1.5 mm in radius, with a ball of 3 mm radius; above it a probe body of 20 mm radius.
 fn plan(topology: &str, balls: &[Value]) -> Plan {
     let linear = json!({"min": -300.0, "max": 300.0, "rapid_per_min": 6000.0});
     let height = json!({"min": -100.0, "max": 500.0, "rapid_per_min": 6000.0});
@@ -65,7 +65,7 @@ fn steps(plan: &Plan, rotary: &Position, approach: Approach) -> Result<Vec<Step>
     access.steps(&task, &plan.probe, StepKind::Touch, (7, 2), |touch| format!("slow/{touch}"))
 }
 
-/// Paper 4, section 3: +45, −135, −45, +135 degrees, then the pole; here from neighbour to neighbour.
+/// Paper 4, section 3: +45, −135, −45, +135 degrees, then the pole; here in the order of neighbours.
 #[test]
 fn paper_five_touches_round_the_ball_and_at_its_pole() {
     let plan = plan(TABLE, &[ball("1", [80.0, -50.0, 90.0], [0.0, 0.0, -1.0])]);
@@ -77,7 +77,7 @@ fn paper_five_touches_round_the_ball_and_at_its_pole() {
         assert_eq!(steps.iter().map(|step| step.id).collect::<Vec<_>>(), [7, 8, 9, 10, 11]);
         let h = 0.5_f64.sqrt();
         let meant = [[h, h, 0.0], [-h, h, 0.0], [-h, -h, 0.0], [h, -h, 0.0], [0.0, 0.0, 1.0]];
-        // Where the stylus ball stands, by the chain: 13 mm and 0.5 or −1 mm from the centre.
+        // Position of the stylus ball by the chain: 13 mm plus 0.5 or minus 1 mm from the centre.
         let chain = Chain::new(&plan.machine).unwrap();
         let tip = Point::new(1.0, -2.0, -220.0);
         for (step, normal) in steps.iter().zip(meant) {
@@ -96,7 +96,7 @@ fn paper_five_touches_round_the_ball_and_at_its_pole() {
 fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
     let centre = [0.0, 0.0, 100.0];
     let with_stem = |stem: [f64; 3]| plan(TABLE, &[ball("1", centre, stem)]);
-    // Level, and below the stylus at +45°: that touch alone goes elsewhere.
+    // The stem is horizontal and below the stylus at +45°: only that touch is moved.
     let found = touches(&with_stem([1.0, 1.0, 0.0]), &indexed(0.0, 0.0), 5).unwrap();
     let h = 0.5_f64.sqrt();
     for (contact, normal) in
@@ -106,7 +106,7 @@ fn a_touch_moves_out_of_the_way_of_the_stem_or_the_ball_is_refused() {
         assert_eq!(moved, contact.name == "+45", "{contact:?}");
     }
     assert_eq!(found.len(), 5);
-    // Above the ball: nobody gets at the pole.
+    // The stem is above the ball: the pole is not accessible.
     let above = touches(&with_stem([0.0, 0.0, 1.0]), &indexed(0.0, 0.0), 5).unwrap_err();
     let (touch, obstacle) = ("pole".to_owned(), "stem of ball 1".to_owned());
     assert_eq!(above, Unreachable::InTheWay { touch, tool: "stylus ball".to_owned(), obstacle });
@@ -121,12 +121,12 @@ fn another_ball_below_the_probe_or_above_the_ball_is_in_the_way() {
         plan(TABLE, &[ball("1", [0.0, 0.0, 50.0], down), ball("2", [x, 0.0, z], down)])
     };
     let refused = |plan: &Plan, b: f64| touches(plan, &indexed(b, 0.0), 5).unwrap_err().to_string();
-    // The probe's body begins 150 mm above the stylus ball and is 20 mm wide.
+    // The probe body begins 150 mm above the stylus ball and is 20 mm in radius.
     assert!(touches(&pair(30.0, 180.0), &indexed(0.0, 0.0), 5).is_ok());
     let body = refused(&pair(30.0, 210.0), 0.0);
     assert!(body.contains("probe body") && body.contains("ball 2"), "{body}");
     assert!(touches(&pair(60.0, 210.0), &indexed(0.0, 0.0), 5).is_ok());
-    // Tilted by 90° either the one or the other stands above the ball.
+    // Tilted by 90° in one of the two senses, the other ball is above the ball.
     let above = [-90.0, 90.0].map(|b| touches(&pair(60.0, 50.0), &indexed(b, 0.0), 5).is_err());
     assert!(above[0] != above[1], "{above:?}");
 }
@@ -148,13 +148,13 @@ fn what_the_machine_cannot_reach_is_refused_with_its_reason() {
     let wide = Approach::Find { uncertainty_mm: 2.0, standoff_mm: 0.5 };
     let error = steps(&near, &indexed(0.0, 0.0), wide).unwrap_err();
     assert!(matches!(error, Unreachable::TooLong { overtravel: 4.0, .. }), "{error}");
-    // The artefact may stand 0.5 mm off.
+    // The artefact may be 0.5 mm off its position.
     let short = Approach::Slow { standoff_mm: 0.5, search_mm: 0.4 };
     let error = steps(&near, &indexed(0.0, 0.0), short).unwrap_err();
     assert_eq!(error, Unreachable::TooShort { beyond: 0.4, loose: 0.5 });
 }
 
-/// B in the head: balls are touched where the spindle stands upright, and nowhere else.
+/// B in the head: balls are touched only with an upright spindle.
 #[test]
 fn a_tilted_spindle_is_refused() {
     let head = plan("w-A-F-X-Y-Z-B-t", &[ball("1", [0.0, 0.0, 50.0], [0.0, 0.0, -1.0])]);
@@ -185,7 +185,8 @@ fn fifteen_touches_are_spread_over_what_is_free() {
     }
 }
 
-/// Axis positions with the stylus ball on the ball, by the nominal machine; one is off.
+/// Axis positions with the stylus ball in contact with the ball, by the nominal machine; the first is displaced by
+/// `off`.
 fn readings(plan: &Plan, rotary: &Position, off: f64) -> Vec<Position> {
     let chain = Chain::new(&plan.machine).unwrap();
     let found = touches(plan, rotary, 5).unwrap();
@@ -212,8 +213,8 @@ fn exact_touches_give_the_centre_its_covariance_and_the_diameter() {
         assert!((measured.position.at(axis) - centre.at(axis)).abs() < 1e-9);
     }
     assert!((measured.diameter_mm - 20.0).abs() < 1e-9 && measured.form_mm < 1e-9);
-    // Four touches on the equator, 45° from X and Y, give 1/2 in X and Y and the radius 1/4; the pole
-    // adds 1.
+    // Four touches on the equator, 45° from X and Y, give 1/2 in X and Y and 1/4 for the radius; the pole adds 1 in
+    // Z.
     let off = measured.cofactor - Matrix3::from_diagonal(&Vector3::new(0.5, 0.5, 1.25));
     assert!(off.abs().max() < 1e-6, "{}", measured.cofactor);
     measured.check("3", 20.0, &BallLimits { form_mm: 1e-6, diameter_mm: 1e-6 }).unwrap();
@@ -237,7 +238,7 @@ fn dirt_and_a_wrong_ball_are_said_in_words() {
     assert!(refused.contains("ball 3 at B −30°") && refused.contains("four points"), "{refused}");
 }
 
-/// All orders of seven places, tried one by one.
+/// Compares with all orders of seven places.
 #[test]
 fn the_order_of_seven_balls_is_the_best_of_all_5040() {
     let machine = plan(TABLE, &[]).machine;
@@ -260,7 +261,7 @@ fn the_order_of_seven_balls_is_the_best_of_all_5040() {
     let mut best = f64::INFINITY;
     permute(&mut (0..7).collect(), 0, &mut |order| best = best.min(seconds(order)));
     assert!((seconds(&found) - best).abs() < 1e-9, "{found:?}");
-    // The same from a given place, which is not one of them.
+    // The same from a given start position, which is not one of the places.
     let stands = at(&[(Axis::X, -90.0), (Axis::Y, 90.0)]);
     let found = Ways::in_xy(&places, Some(&stands), &machine).tour(1);
     let begin = |order: &[usize]| time::motion_s(&stands, &places[order[0]], None, &machine);
@@ -280,8 +281,8 @@ fn permute(order: &mut Vec<usize>, from: usize, see: &mut impl FnMut(&[usize])) 
     }
 }
 
-/// Blocks of the five touches of one ball, one after the other, and where the stylus ball's centre is at
-/// each end of a motion, from the ball's centre in machine directions.
+/// Motions of the five touches of one ball in sequence: the stylus ball's centre at both ends of each motion,
+/// relative to the ball's centre in machine directions.
 fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
     let mut plan = plan.clone();
     if let Artefact::Balls(balls) = &mut plan.artefact {
@@ -318,7 +319,7 @@ fn ways(plan: &Plan, rotary: &Position) -> Vec<(bool, [Vector3<f64>; 2])> {
 fn from_touch_to_touch_the_way_leads_round_the_ball_and_over_it_where_a_stem_is_in_the_way() {
     let centre = [80.0, -50.0, 90.0];
     let free = plan(TABLE, &[ball("1", centre, [0.0, 0.0, -1.0])]);
-    // 13 mm from centre to centre in contact, 0.5 mm standoff; the ball may stand 0.25 mm off.
+    // The distance between the centres is 13 mm in contact, plus 0.5 mm standoff; the ball may be 0.25 mm off.
     for (b, c) in [(0.0, 0.0), (20.0, 90.0), (-20.0, 180.0)] {
         let ways = ways(&free, &indexed(b, c));
         let highest = ways.iter().flat_map(|(_, way)| way).map(|off| off.z).fold(0.0, f64::max);
@@ -329,12 +330,12 @@ fn from_touch_to_touch_the_way_leads_round_the_ball_and_over_it_where_a_stem_is_
                 assert!(off.norm() > 13.5 - 1e-3, "{off} on {way:?}");
             }
         }
-        // Between the four at one height: two legs to each, and one aside.
+        // Between the four touches at one height: two moves to each, and one away from the ball.
         let level = |way: &[Vector3<f64>; 2]| way.iter().all(|off| off.z.abs() < 1e-6);
         let legs = ways.iter().filter(|(guarded, way)| *guarded && level(way)).count();
         assert_eq!(legs, 3 * 3, "{ways:?}");
     }
-    // The stem stands between the second touch and the third.
+    // The stem is between the second touch and the third.
     let blocked = plan(TABLE, &[ball("1", centre, [-1.0, 0.0, 0.0])]);
     let over = ways(&blocked, &indexed(0.0, 0.0));
     let behind = over.iter().filter(|(_, way)| way.iter().all(|off| off.x < -1.0));

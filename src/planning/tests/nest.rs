@@ -1,12 +1,12 @@
-//! The way of the ball into a nest of sensors on the table.
+//! Path of the ball into a nest of sensors on the table.
 
 use super::*;
 use crate::gcode::{Dialect, Transmission};
 use crate::proof::{StageRequest, Staged, prove_blocks};
 use machine::record::motion::Motion;
 
-/// Ball of 11 mm, 120 mm below the spindle datum; three sensors at 120°, 35.26° below the centre of the nest,
-/// which is at Z = 60 with all axes at zero.
+/// Ball of 11 mm radius, 120 mm below the spindle datum; three sensors at 120°, 35.26° below the centre of the
+/// nest, which is at Z = 60 with all axes at zero.
 fn nest_plan(steps: Vec<Step>) -> Plan {
     let mut plan = plan(steps);
     plan.artefact = serde_json::from_value(json!({"kind": "none"})).unwrap();
@@ -42,7 +42,7 @@ fn scan(id: u32, path: Vec<Position>) -> Step {
     }
 }
 
-/// All steps of `plan`, from an unconfirmed position.
+/// Checks that all steps of `plan` can be proven from an unconfirmed position.
 #[track_caller]
 fn is_proven(plan: &Plan, blocks: &[Block], stands: &Position) {
     let steps: Vec<u32> = plan.steps.iter().map(|step| step.id).collect();
@@ -92,15 +92,15 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     );
     let [up, down, first] = [0, 1, 2].map(|block| &planned[0][block].motions);
     assert_eq!(up.iter().filter_map(target).collect::<Vec<_>>(), [at(&[(Axis::Z, 450.0)])]);
-    // The near ends of the lines are 10 mm · sin 35.26° below the centre: the lowest point of the ball is 3 mm
-    // above them at 8.2 mm; the last 10 mm are slow anyway.
+    // The near ends of the measuring lines are 10 mm · sin 35.26° below the centre: the lowest point of the ball is
+    // 3 mm above them at 8.2 mm. The last 10 mm are slow in any case.
     assert_eq!(target(down.last().unwrap()), Some(at(&[(Axis::Z, 190.0)])));
     let Motion::Feed { to, feed_mm_min } = &first[0] else { panic!("{first:?}") };
     assert_eq!(*to, at(&[(Axis::Z, 180.0)]));
-    // The gap at the near end of the range is 0.5 mm: hold after 0.3 s, and braking at 1000 mm/s².
+    // The gap at the near end of the range is 0.5 mm: a hold after 0.3 s, and braking at 1000 mm/s².
     let speed = feed_mm_min / 60.0;
     assert!((speed * 0.3 + speed * speed / 2000.0 - 0.5).abs() < 1e-9, "{speed}");
-    // From scan to scan nothing moves but what has to.
+    // From scan to scan, only the axes that must move do so.
     let ways = |number: usize| -> Vec<Position> {
         planned[number].iter().flat_map(|block| &block.motions).filter_map(target).collect()
     };
@@ -111,7 +111,7 @@ fn the_ball_comes_from_straight_above_and_stays_in_the_nest() {
     assert_eq!(ways(3), [turn(0.0)]);
 }
 
-/// A resumed run: the ball is in the nest, and where the machine is is not confirmed.
+/// A resumed run: the ball is in the nest, and the position of the machine is not confirmed.
 #[test]
 fn a_turn_begins_in_an_unconfirmed_nest_but_another_way_begins_above_it() {
     let plan = nest_plan(vec![

@@ -1,29 +1,28 @@
-//! Words of a machine's own: a reader knows them only if they were declared, and then it knows what
-//! they switch.
+//! Machine-specific commands: the reader accepts only declared commands, and tracks what they switch.
 
 use std::collections::BTreeMap;
 
 use super::line::{Line, Words};
 use machine::Axis;
 
-/// What a declared word does.
+/// Effect of a declared command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Switch {
-    /// On or off.
+    /// Probe on (`true`) or off.
     Probe(bool),
-    /// Closed or open.
+    /// Clamp closed (`true`) or open.
     Clamp(Axis, bool),
 }
 
-/// All words that were declared, each a line of its own.
+/// All declared commands, each a line of its own.
 #[derive(Debug, Clone, Default)]
 pub struct Declared(Vec<(Words, Switch)>);
 
 impl Declared {
-    /// `text` stands for `switch` from now on.
+    /// Declares that `text` has the effect of `switch`.
     ///
     /// # Errors
-    /// Why it cannot, in words that go on from it.
+    /// The reason why `text` is refused; as a message that follows `text`.
     pub fn add(&mut self, text: &str, switch: Switch) -> Result<(), String> {
         let harmless = |c: char| c.is_ascii_alphanumeric() || " .-".contains(c);
         let refused = || "it must be one M word with its parameters".to_owned();
@@ -49,7 +48,7 @@ impl Declared {
         Ok(())
     }
 
-    /// What a line of these words alone does.
+    /// Effect of a line that contains exactly these words.
     pub(super) fn of(&self, words: &Words) -> Option<Switch> {
         self.0.iter().find(|(known, _)| known == words).map(|(_, switch)| *switch)
     }
@@ -59,7 +58,7 @@ impl Declared {
     }
 }
 
-/// What an M word does that is never a switch of probe or clamp.
+/// Meaning of an M word that can never switch a probe or clamp.
 fn meaning(code: u32) -> Option<&'static str> {
     Some(match code {
         0 | 1 | 60 => "pauses the program",
@@ -76,12 +75,12 @@ fn meaning(code: u32) -> Option<&'static str> {
     })
 }
 
-/// How the switches stand, as far as the text tells.
+/// State of the switches, as far as the text shows it.
 #[derive(Debug, Default)]
 pub(super) struct Switches {
     declared: Declared,
     probe_on: bool,
-    /// `true`: closed. Absent: nobody knows.
+    /// `true`: closed. Absent: unknown.
     clamps: BTreeMap<Axis, bool>,
 }
 
@@ -90,7 +89,7 @@ impl Switches {
         Self { declared: declared.clone(), ..Self::default() }
     }
 
-    /// Whether the line is a declared word, which is then obeyed.
+    /// Whether the line is a declared command; if so, applies it.
     pub fn obey(&mut self, words: &Words) -> bool {
         match self.declared.of(words) {
             Some(Switch::Probe(on)) => self.probe_on = on,
@@ -100,7 +99,7 @@ impl Switches {
         true
     }
 
-    /// May these axes move?
+    /// Checks that no clamp blocks these axes.
     pub fn may_move(&self, mut axes: impl Iterator<Item = Axis>) -> Result<(), String> {
         let clamped = |axis: &Axis| self.has_clamp(*axis) && self.clamps.get(axis) != Some(&false);
         match axes.find(clamped) {
@@ -109,7 +108,7 @@ impl Switches {
         }
     }
 
-    /// May the probe be trusted?
+    /// Checks that the probe is on and all clamps are closed.
     pub fn may_probe(&self) -> Result<(), String> {
         if self.declared.declares(Switch::Probe(true)) && !self.probe_on {
             return Err("the probe is not switched on".to_owned());

@@ -1,8 +1,8 @@
-//! One line of text to its words.
+//! Parses one line of text into words.
 
 use std::collections::BTreeMap;
 
-/// A line without its blanks and comments.
+/// A line without blanks and comments.
 #[derive(Debug, PartialEq)]
 pub(super) enum Line {
     /// `%` at the start or end of the program.
@@ -14,29 +14,29 @@ pub(super) enum Line {
     Words(Words),
 }
 
-/// Words by letter; G and M may stand several times.
+/// Words by letter; G and M words may occur several times.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Words {
     /// Ten times the G words: G38.2 is 382.
     pub g: Vec<u32>,
     pub m: Vec<u32>,
     values: BTreeMap<char, f64>,
-    /// A comment `(ABORT, ..)` stands in the line.
+    /// Whether the line contains a comment `(ABORT, ..)`.
     pub aborts: bool,
 }
 
 impl Words {
-    /// The value of a word, which then counts as understood.
+    /// Takes the value of a word, which then counts as understood.
     pub fn take(&mut self, letter: char) -> Option<f64> {
         self.values.remove(&letter)
     }
 
-    /// Of the words other than G and M.
+    /// Letters of the words other than G and M.
     pub fn letters(&self) -> impl Iterator<Item = char> {
         self.values.keys().copied()
     }
 
-    /// Is this G word (times ten) here? It then counts as understood.
+    /// Whether this G word (times ten) is present; it then counts as understood.
     pub fn take_g(&mut self, tenfold: u32) -> bool {
         let before = self.g.len();
         self.g.retain(|g| *g != tenfold);
@@ -49,13 +49,13 @@ impl Words {
         self.m.len() < before
     }
 
-    /// A G or M word that nobody understood.
+    /// The first G or M word that was not understood.
     pub fn left_over_code(&self) -> Option<String> {
         let g = self.g.first().map(|g| format!("G{}", f64::from(*g) / 10.0));
         g.or_else(|| self.m.first().map(|m| format!("M{m}")))
     }
 
-    /// A word that nobody understood.
+    /// The first word that was not understood.
     pub fn left_over(&self) -> Option<String> {
         let value = || self.values.iter().next().map(|(letter, value)| format!("{letter}{value}"));
         self.left_over_code().or_else(value)
@@ -75,7 +75,7 @@ impl Words {
     }
 }
 
-/// A word that counts or names: whole, not negative, below ten million.
+/// Number of a word that counts or names: an integer, not negative, below ten million.
 pub(super) fn code(value: f64, letter: char) -> Result<u32, String> {
     let whole = value.round();
     if (value - whole).abs() < 1e-6 && (0.0..10_000_000.0).contains(&whole) {
@@ -112,7 +112,7 @@ impl Line {
     }
 }
 
-/// Upper case, no blanks, no comments; and whether a comment aborts the program.
+/// Upper-case text without blanks and comments, and whether a comment aborts the program.
 fn without_comments(text: &str) -> Result<(String, bool), String> {
     let (mut plain, mut comment, mut depth, mut aborts) = (String::new(), String::new(), 0, false);
     for c in text.chars() {
@@ -132,7 +132,7 @@ fn without_comments(text: &str) -> Result<(String, bool), String> {
     if depth == 1 { Err("a comment without its end".to_owned()) } else { Ok((plain, aborts)) }
 }
 
-/// What follows the O of a condition: `<NAME>IF[..]` or `<NAME>ENDIF`.
+/// Parses the text after the O of a condition: `<NAME>IF[..]` or `<NAME>ENDIF`.
 fn condition(rest: &str) -> Result<Line, String> {
     let refused = || format!("`O{rest}` is not understood: only conditions that stop are");
     let (name, what) =

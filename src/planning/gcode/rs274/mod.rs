@@ -1,7 +1,7 @@
-//! Reads RS274/NGC text (Kramer, Proctor, Messina: NISTIR 6556, section 3, as spoken by LinuxCNC
-//! and Grbl) back into motions. It knows what a measuring program may say: straight moves, probe
-//! moves, dwells, spindle orientation, a stop for a person, conditions that do nothing but stop. Whatever else stands
-//! in a program is refused with its line: a word that is not understood is not skipped.
+//! Reader of RS274/NGC text (Kramer, Proctor, Messina: NISTIR 6556, section 3, as used by LinuxCNC and Grbl):
+//! converts it back into motions. It accepts the contents of a measuring program: straight moves, probing moves,
+//! dwells, spindle orientation, a stop for the operator, and conditions whose only effect is to stop. Everything
+//! else is refused with its line: a word that is not understood is never skipped.
 
 mod declared;
 mod line;
@@ -12,26 +12,26 @@ use self::line::Line;
 use self::state::State;
 use machine::Position;
 
-/// A motion as the text says it.
+/// A motion as read from the text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReadMotion {
     /// Line of the text, from 1.
     pub line: usize,
-    /// The N word.
+    /// Value of the N word.
     pub n: Option<u32>,
     pub kind: Kind,
-    /// Where the named axes end, mm and rad; empty for dwell, orientation and stop.
+    /// End positions of the axes in the line, mm and rad; empty for dwell, orientation and stop.
     pub target: Position,
     pub frame: Frame,
-    /// mm/min; `None` for a rapid and for whatever does not move.
+    /// Feed, mm/min; `None` for a rapid and for anything that does not move.
     pub feed_mm_min: Option<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
-    /// G0
+    /// G0: rapid move.
     Rapid,
-    /// G1
+    /// G1: move at feed.
     Feed,
     /// G38.2 (`must_touch`: no contact is an alarm) or G38.3.
     Probe {
@@ -40,20 +40,20 @@ pub enum Kind {
     Dwell {
         seconds: f64,
     },
-    /// M19, rad
+    /// M19: orientation of the spindle, rad.
     Orient {
         s: f64,
     },
-    /// M0: it waits for a person.
+    /// M0: waits for the operator.
     Stop,
 }
 
-/// What the target refers to.
+/// Frame of the target.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Frame {
-    /// G53, or a work offset slot known to be zero with G92 and tool length offset off.
+    /// G53, or a work offset slot known to be zero, with G92 and tool length offset off.
     Machine,
-    /// The work coordinates named, whose offsets the text does not tell.
+    /// Work coordinates of this name; the text does not contain their offsets.
     Work(String),
 }
 
@@ -64,12 +64,11 @@ pub struct ReadError {
     pub why: String,
 }
 
-/// The motions of a program, in order.
+/// Reads the motions of a program, in order.
 ///
-/// `zero_slot` is a work offset slot (`G59.3`) known to hold zeros before the program starts; other
-/// state is unknown at the start and must be set by the text before it matters: units, distance mode,
-/// exact path (G61 or G61.1) and feed per minute (G94) before any move, a feed before a feed move.
-/// M72 makes it unknown again.
+/// `zero_slot` is a work offset slot (`G59.3`) known to hold zeros before the program starts. All other state is
+/// unknown at the start and must be set by the text before it is used: units, distance mode, exact path (G61 or
+/// G61.1) and feed per minute (G94) before any move, a feed before a feed move. M72 makes this state unknown again.
 ///
 /// # Errors
 /// The first line that is not understood, or that moves in a state not set.
@@ -77,9 +76,9 @@ pub fn read(text: &str, zero_slot: Option<&str>) -> Result<Vec<ReadMotion>, Read
     read_with(text, zero_slot, &Declared::default())
 }
 
-/// As [`read`], on a machine with words of its own. With a word for it, the probe must be switched
-/// on before a probing move; an axis with a clamp moves only while it is open, and a probing move
-/// needs it closed.
+/// Like [`read`], on a machine with commands of its own. If a command switches the probe, the probe must be on
+/// before a probing move; an axis with a clamp moves only while the clamp is open, and a probing move needs the
+/// clamp closed.
 pub fn read_with(
     text: &str,
     zero_slot: Option<&str>,

@@ -1,4 +1,4 @@
-//! Modal state while a program is read.
+//! Modal state of the reader.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use super::{Frame, Kind, ReadMotion};
 use machine::{Axis, Position};
 
 const MM_PER_INCH: f64 = 25.4;
-/// Slots by their P number in G10 L2, and their G words times ten.
+/// Work offset slots by their P number in G10 L2, and their G words times ten.
 const SLOTS: [(&str, u32); 9] = [
     ("G54", 540),
     ("G55", 550),
@@ -20,7 +20,7 @@ const SLOTS: [(&str, u32); 9] = [
     ("G59.2", 592),
     ("G59.3", 593),
 ];
-/// Plane and cutter compensation off: they change no straight line.
+/// G words for the plane and for cutter compensation off: they do not affect straight lines.
 const WITHOUT_EFFECT: [u32; 2] = [170, 400];
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,7 +29,7 @@ enum Distance {
     Incremental,
 }
 
-/// `None`: not set by the text so far.
+/// Modal state; `None`: not set by the text so far.
 #[derive(Debug, Default)]
 struct Modal {
     mm_per_unit: Option<f64>,
@@ -39,7 +39,7 @@ struct Modal {
     slot: Option<&'static str>,
     g92_off: bool,
     tool_length_off: bool,
-    /// G61 or G61.1: each move ends where it says before the next begins. G64 cuts corners.
+    /// G61 or G61.1: each move reaches its target before the next begins. G64 cuts corners.
     exact_path: bool,
     /// G94: F words are mm/min.
     feed_per_minute: bool,
@@ -48,12 +48,12 @@ struct Modal {
 #[derive(Debug)]
 pub(super) struct State {
     modal: Modal,
-    /// Where each axis stands, as far as the text tells.
+    /// Position of each axis, as far as the text determines it.
     position: Position,
     /// Axes whose offset the text has set to zero, by slot.
     zeroed: BTreeMap<&'static str, BTreeSet<Axis>>,
     switches: Switches,
-    /// Name of the condition that is open, and whether it stops the program.
+    /// Name of the open condition, and whether it stops the program.
     condition: Option<(String, bool)>,
     started: bool,
     ended: bool,
@@ -74,7 +74,7 @@ impl State {
         }
     }
 
-    /// A program may not end inside a condition.
+    /// Checks that the program does not end inside a condition.
     pub fn end(&self) -> Result<(), String> {
         match &self.condition {
             Some((name, _)) => Err(format!("the condition {name} has no end")),
@@ -108,7 +108,7 @@ impl State {
         }
     }
 
-    /// Only a stop, after restoring the modal state if it likes.
+    /// Accepts only a stop, and before it a restore of the modal state.
     fn within_condition(&mut self, mut words: Words) -> Result<(), String> {
         words.take_m(72);
         let stops = words.aborts || words.take_m(2) || words.take_m(30);
@@ -137,17 +137,17 @@ impl State {
         if words.aborts {
             self.ended = true;
         }
-        // A wait that belongs to no step is the template's own.
+        // A dwell without a step belongs to the template, not to a motion.
         let own = |motion: &ReadMotion| n.is_none() && matches!(motion.kind, Kind::Dwell { .. });
         Ok(motion.filter(|motion| !own(motion)).map(|motion| ReadMotion { n, ..motion }))
     }
 
     fn set_modal(&mut self, words: &mut Words) -> Result<(), String> {
-        // M66 L0 reads an input at once: it waits for the moves before it and does not move.
+        // M66 L0 reads an input immediately: it waits for the moves before it and does not move.
         if words.take_m(66) && (words.take('L'), words.take('P').is_some()) != (Some(0.0), true) {
             return Err("of M66 only P with L0 is understood".to_owned());
         }
-        // M70 saves; after M72 nobody knows from the text what holds.
+        // M70 saves the modal state; after M72 the text does not determine it.
         words.take_m(70);
         if words.take_m(72) {
             self.modal = Modal::default();
@@ -183,7 +183,7 @@ impl State {
         Ok(())
     }
 
-    /// What the line does, at most one thing.
+    /// Action of the line; a line has at most one.
     fn action(&mut self, words: &mut Words) -> Result<Option<ReadMotion>, String> {
         let (dwell, offset, machine) = (words.take_g(40), words.take_g(100), words.take_g(530));
         let (orient, stop) = (words.take_m(19), words.take_m(0));
@@ -200,7 +200,7 @@ impl State {
             return Ok(Some(standing(Kind::Orient { s })));
         }
         if stop {
-            // Whoever starts it again may have moved the machine.
+            // The operator who restarts the program may have moved the machine.
             self.position = Position::new();
             return Ok(Some(standing(Kind::Stop)));
         }
@@ -217,7 +217,7 @@ impl State {
         self.straight(machine, &named).map(Some)
     }
 
-    /// G10 L2: an offset that is set to zero is known; one that is set to anything else is refused.
+    /// G10 L2: a zero offset is recorded; any other offset is refused.
     fn zero_slot(&mut self, words: &mut Words) -> Result<(), String> {
         let slot = words.take('P').map(|p| code(p, 'P')).transpose()?;
         let (Some(2.0), Some(p @ 1..=9)) = (words.take('L'), slot) else {
@@ -270,7 +270,7 @@ impl State {
         }
         let frame = if machine { Frame::Machine } else { self.frame(&target) };
         self.position = match kind {
-            // Contact may have stopped it on the way.
+            // Contact may have stopped the move before its target.
             Kind::Probe { .. } => self.position.only(|axis| target.get(axis).is_none()),
             _ => self.position.updated_by(&target),
         };
@@ -298,7 +298,7 @@ fn standing(kind: Kind) -> ReadMotion {
     ReadMotion { line: 0, n: None, kind, target, frame, feed_mm_min: None }
 }
 
-/// Sets `to` from the one word of a modal group that stands in the line.
+/// Sets `to` from the word of a modal group in the line; a line has at most one word of a group.
 fn one_of<T: Copy>(
     words: &mut Words,
     group: &[(u32, T)],
