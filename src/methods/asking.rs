@@ -1,5 +1,6 @@
-//! What a person is asked before the first stage, whatever the method: steps of their own at the head of
-//! the plan. The method within sees neither them nor that its own steps are numbered on from them.
+//! Prompts of the machine file that the operator acknowledges before the first stage of any method. They are
+//! steps at the head of the plan. The wrapped method sees neither these steps nor the numbering that includes
+//! them.
 
 use std::borrow::Cow;
 
@@ -9,10 +10,10 @@ use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
-/// What the label of such a step begins with; a method's own prompts are called otherwise.
+/// Prefix of the labels of these prompts; the prompts of a method have other labels.
 const LABEL: &str = "ask/";
 
-/// `method`, and before it a person is asked each of `texts`.
+/// Returns `method` with a prompt for each of `texts` before its first stage.
 pub fn asking(method: Box<dyn Method>, texts: Vec<String>) -> Box<dyn Method> {
     Box::new(Asking { method, texts })
 }
@@ -23,7 +24,7 @@ pub(super) struct Asking {
 }
 
 impl Asking {
-    /// It asks nothing new; what a plan asks already it knows.
+    /// Adds no prompts, but handles those that a plan already has.
     pub(super) fn silent(method: Box<dyn Method>) -> Self {
         Self { method, texts: Vec::new() }
     }
@@ -36,7 +37,7 @@ impl Asking {
         })
     }
 
-    /// The first stage with what is asked before it.
+    /// Adds the prompts before the steps of the first stage.
     fn with_prompts(&self, next: Next) -> Next {
         let Next::Stage { mut stage, new_steps } = next else { return next };
         let mut steps: Vec<Step> = self.prompts(stage.id).collect();
@@ -48,13 +49,13 @@ impl Asking {
     }
 }
 
-/// How many steps at the head of `plan` are ours.
+/// Number of steps at the head of `plan` that are prompts of the machine file.
 fn ours(plan: &Plan) -> usize {
     let is_ours = |step: &&Step| step.kind == StepKind::Prompt && step.label.starts_with(LABEL);
     plan.steps.iter().take_while(is_ours).count()
 }
 
-/// Without the first `count` steps, the others numbered from 0.
+/// The plan without its first `count` steps; the other steps are numbered from 0.
 fn without(plan: &Plan, count: u32) -> Plan {
     let mut plan = plan.clone();
     plan.steps.drain(..count as usize);
@@ -114,14 +115,14 @@ impl Method for Asking {
         self.method.forecast(&without_asking(plan), machine_s)
     }
 
-    /// Nothing is numbered anew here, so that what is said of a step names the one in the plan.
+    /// The steps keep their numbers, so that messages name the steps of the plan.
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         self.method.check_priors(plan)?;
         self.method.identify(&without_asking(plan), readings)
     }
 }
 
-/// The plan without what a person is asked, its steps numbered as they are.
+/// The plan without the prompts of the machine file; the other steps keep their numbers.
 fn without_asking(plan: &Plan) -> Cow<'_, Plan> {
     match ours(plan) {
         0 => Cow::Borrowed(plan),
@@ -139,7 +140,8 @@ mod tests {
 
     use super::*;
 
-    /// Two stages of one step each; the second repeats the first as well. It numbers on from what it sees.
+    /// Two stages with one new step each; the second stage also repeats the first step. New steps are
+    /// numbered after those of the plan that the method gets.
     struct Toy;
 
     impl Method for Toy {
@@ -194,7 +196,7 @@ mod tests {
     #[test]
     fn the_method_sees_nothing_of_what_is_asked() {
         let method = asking(Box::new(Toy), vec!["clean it".to_owned(), "cap off".to_owned()]);
-        // Whoever goes on later knows the prompts from the plan alone.
+        // A process that resumes the run gets the prompts from the plan alone.
         let later = Asking::silent(Box::new(Toy));
         let (mut plan, mut done, mut readings) = (header(), Vec::new(), Vec::new());
         let method: [&dyn Method; 3] = [method.as_ref(), &later, &later];
@@ -216,7 +218,7 @@ mod tests {
         assert_eq!(texts, [Some("clean it"), Some("cap off"), None, None]);
         let moves = |step: &Step| step.from != step.to || step.stage != 0;
         assert!(!plan.steps[..2].iter().any(moves));
-        // What is said of a step names the one in the plan.
+        // The error names the step by its number in the plan.
         let told = later.identify(&plan, &readings).unwrap_err();
         assert_eq!(told, IdentifyError::UnknownStep { step: 2 });
         let (nominal, stages) = super::super::nominal(method[0], header()).unwrap();

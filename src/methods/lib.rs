@@ -1,5 +1,6 @@
-//! The measuring methods. Each is one folder, its `pub mod` below and one line in `registry.rs`; each is
-//! pure: no IO, no clock, no unseeded random. ARCHITECTURE.md tells how to add one.
+//! The measuring methods. Each method is one folder, one `pub mod` below and one line in `registry.rs`.
+//! Methods are pure: no IO, no clock, no unseeded random numbers. ARCHITECTURE.md explains how to add a
+//! method.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -38,11 +39,11 @@ use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 use planning::PlanningError;
 
-/// What a method wants next.
+/// The next stage of a run, or its end.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Next {
-    /// Run these new steps (already numbered on from the plan's last) in this order; `stage.steps`
-    /// may also name steps of the plan, to repeat them.
+    /// Run these new steps in this order; they are numbered after the last step of the plan. `stage.steps`
+    /// may also name earlier steps of the plan, to repeat them.
     Stage {
         stage: Stage,
         new_steps: Vec<Step>,
@@ -51,7 +52,7 @@ pub enum Next {
 }
 
 impl Next {
-    /// A stage after the `done` ones, of steps that are not yet numbered.
+    /// The stage that follows the `done` stages. `steps` are not numbered yet.
     pub fn new_steps(
         plan: &Plan,
         done: &[Stage],
@@ -66,7 +67,7 @@ impl Next {
     }
 }
 
-/// A request that cannot be met, and what would work instead.
+/// A request that cannot be met, and an alternative that would work.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("{why}")]
 pub struct Refused {
@@ -79,7 +80,7 @@ impl Refused {
         Self { why: why.into(), instead: instead.into() }
     }
 
-    /// Of a machine whose table does not turn.
+    /// Error for a machine without a rotary axis that turns the table.
     pub fn no_table() -> Self {
         Self::new(
             "no rotary axis that carries the workpiece is along Z with all others at zero",
@@ -87,11 +88,11 @@ impl Refused {
         )
     }
 
-    /// Monte Carlo trials that show some scatter.
+    /// Minimum number of Monte Carlo trials.
     pub const MIN_TRIALS: usize = 100;
 
     /// # Errors
-    /// Too few Monte Carlo trials; 0 is the adaptive rule of JCGM 101.
+    /// The number of Monte Carlo trials is too small; 0 stands for the adaptive rule of JCGM 101.
     pub fn check_trials(count: usize) -> Result<(), Self> {
         Self::unless(
             count == 0 || count >= Self::MIN_TRIALS,
@@ -101,7 +102,8 @@ impl Refused {
     }
 
     /// # Errors
-    /// The first of the named settings that is not greater than 0, or that is negative.
+    /// One of the `positive` settings is not greater than 0, or one of the `not_negative` settings is
+    /// negative; the error names the first one.
     pub fn check_numbers(
         positive: &[(&str, f64)],
         not_negative: &[(&str, f64)],
@@ -122,7 +124,7 @@ impl Refused {
     }
 
     /// # Errors
-    /// The refusal, unless `is_met`.
+    /// `is_met` is false.
     pub fn unless(
         is_met: bool,
         why: impl Into<String>,
@@ -151,10 +153,10 @@ impl From<KinematicsError> for Refused {
     }
 }
 
-/// The readings of the last time that a step was measured.
+/// Readings of the last repeat of a step.
 ///
 /// # Errors
-/// It was never measured.
+/// The step has no reading.
 pub fn latest<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Reading>, IdentifyError> {
     let of_step = || readings.iter().filter(|reading| reading.step == step.id);
     let last = of_step().map(|reading| reading.repeat).max();
@@ -180,7 +182,8 @@ pub enum IdentifyError {
 }
 
 impl IdentifyError {
-    /// Of equations that could not be solved. `describe` gives the lost combinations of unknowns.
+    /// Error for equations that could not be solved. `describe` gives the undetermined combinations of
+    /// unknowns in words.
     pub fn unsolved(
         error: impl Into<NonlinearError>,
         describe: impl Fn(&Survey) -> Vec<String>,
@@ -196,19 +199,19 @@ impl IdentifyError {
     }
 
     /// # Errors
-    /// A reading of no step of the plan.
+    /// A reading belongs to no step of the plan.
     pub fn check_steps(plan: &Plan, readings: &[Reading]) -> Result<(), Self> {
         let is_known = |reading: &&Reading| plan.steps.iter().any(|step| step.id == reading.step);
         let stray = readings.iter().find(|reading| !is_known(reading));
         stray.map_or(Ok(()), |stray| Err(Self::UnknownStep { step: stray.step }))
     }
 
-    /// Of a step without a reading.
+    /// Error for a step without a reading.
     pub fn missing(step: &Step) -> Self {
         Self::Missing { step: step.id, label: step.label.clone() }
     }
 
-    /// What to do next.
+    /// What the user can do about the error.
     pub fn remedy(&self) -> String {
         match self {
             Self::Refused(refused) => refused.instead.clone(),
@@ -231,26 +234,27 @@ impl From<RevolutionsError> for IdentifyError {
     }
 }
 
-/// A pure stepper. `plan` carries machine, probe, artefact, settings and the steps so far.
+/// A measuring method as a pure state machine. `plan` holds machine, probe, artefact, settings and the steps
+/// so far.
 pub trait Method: Send + Sync {
-    /// The settings in full, as they go into the plan.
+    /// All settings, as the plan stores them.
     fn settings(&self) -> serde_json::Value;
 
-    /// The next stage after the `done` stages and their readings. With `nominal`, no readings are
-    /// needed: positions are taken from the plan's nominal artefact.
+    /// The next stage after the `done` stages and their readings. With [`Source::Nominal`] no readings are
+    /// needed: positions come from the nominal artefact of the plan.
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused>;
 
-    /// The sensors that it needs besides the probe, of those that the machine has.
+    /// The sensors of the machine that the method needs besides the probe.
     ///
     /// # Errors
-    /// One that it needs is not there.
+    /// A sensor that the method needs is missing.
     fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
         let _ = sensors;
         Ok(Vec::new())
     }
 
-    /// Whether this method can take the plan's priors as known on its machine; asked before anything moves,
-    /// and before it identifies. Most take none.
+    /// Checks whether this method can use the priors of the plan as known values on this machine. It is
+    /// called before the first motion and before the identification. Most methods accept no priors.
     fn check_priors(&self, plan: &Plan) -> Result<(), Refused> {
         match probe_map::others(&plan.priors).next() {
             None => Ok(()),
@@ -261,50 +265,52 @@ pub trait Method: Send + Sync {
         }
     }
 
-    /// Whether the map of a qualified probe may be taken off its readings.
+    /// Whether the pre-travel map of a qualified probe may be subtracted from the readings of this method.
     fn takes_probe_map(&self) -> bool {
         false
     }
 
-    /// What the run is expected to reach and what it cannot separate, for the user before anything moves, a line each. `plan`: with all steps at
-    /// nominal positions, of `machine_s` of machine time.
+    /// Expected uncertainty of a run and what it cannot separate, one line each, for the user before the
+    /// first motion. All steps of `plan` have nominal positions; the plan takes `machine_s` seconds of
+    /// machine time.
     ///
     /// # Errors
-    /// A plan that cannot be identified.
+    /// The plan cannot be identified.
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
         let _ = machine_s;
         Ok(identification::aliased_by_plan(plan))
     }
 
-    /// Plan (with its priors) + readings → estimate. A pure function: same input, same output.
+    /// Computes the estimate from the plan (with its priors) and the readings. A pure function: the same
+    /// input gives the same output.
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError>;
 }
 
-/// What users read of a method.
+/// Description of a method for users.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Description {
-    /// On the command line, in the machine file, in plans and estimates.
+    /// Name of the method on the command line, in the machine file, in plans and estimates.
     pub name: &'static str,
-    /// What must be set up.
+    /// What the operator must set up.
     pub needs: &'static str,
-    /// What is identified.
+    /// What the method identifies.
     pub finds: &'static str,
-    /// The simulated machine that serves where the user names none: a file of `config/`.
+    /// Machine file in `config/` of the simulated machine that is used when the user names no machine.
     pub machine_file: &'static str,
 }
 
-/// A method that the list can hold.
+/// A method that the registry can hold.
 pub trait Registered: Method + Sized + 'static {
-    /// The table `[method.NAME]` of the machine file.
+    /// Settings of the table `[method.NAME]` of the machine file.
     type Settings: DeserializeOwned;
     const DESCRIPTION: Description;
     fn new(settings: Self::Settings) -> Self;
 }
 
-/// The sensors that the settings of a method name; all where they name none.
+/// The sensors that the settings of a method name; all sensors if the settings name none.
 ///
 /// # Errors
-/// A name that no sensor has.
+/// The settings name a sensor that does not exist.
 fn named_sensors<'a>(
     method: &str,
     named: &[String],
@@ -321,19 +327,19 @@ fn named_sensors<'a>(
     Ok(sensors.iter().filter(is_named).collect())
 }
 
-/// Where a method takes the positions of later stages from.
+/// Source of the positions that later stages need.
 #[derive(Debug, Clone, Copy)]
 pub enum Source<'a> {
     /// The readings so far.
     Measured(&'a [Reading]),
-    /// No readings: print the whole plan from nominal positions.
+    /// No readings: the whole plan is computed from nominal positions.
     Nominal,
 }
 
-/// The plan with every stage resolved from nominal positions, and the stages.
+/// The plan with every stage computed from nominal positions, and the stages.
 ///
 /// # Errors
-/// What a stage is refused for.
+/// The method refuses a stage.
 pub fn nominal(method: &dyn Method, mut plan: Plan) -> Result<(Plan, Vec<Stage>), Refused> {
     let mut done = Vec::new();
     while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {

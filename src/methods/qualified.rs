@@ -1,5 +1,5 @@
-//! Where a plan's priors have the map of a qualified probe: its method turns the spindle as the map needs it, and
-//! identifies from readings without pre-travel.
+//! Use of the map of a qualified probe that is among the priors of a plan: the spindle is oriented as the map
+//! needs it, and the method identifies from readings without pre-travel.
 
 use super::identification::probe_map::{ProbeMap, is_touch, without_pre_travel};
 use super::{IdentifyError, Method, Next, Refused, Source};
@@ -16,7 +16,8 @@ impl Method for Qualified {
         self.0.settings()
     }
 
-    /// A map holds for an oriented spindle: one that could be turned and is left as it is goes to 0°, or as near as it comes.
+    /// A map is valid for an oriented spindle only. If a touch leaves a positionable spindle unoriented, the
+    /// spindle is turned to 0°, or to the nearest angle within its limits.
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused> {
         let mut next = self.0.next(plan, done, readings)?;
         if let Next::Stage { new_steps, .. } = &mut next

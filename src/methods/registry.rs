@@ -1,5 +1,5 @@
-//! The list of methods. Names, the command's help and the built-in machines derive from it; a test
-//! compares the README's table with it.
+//! The list of methods. Method names, the help of the command line and the built-in machines derive from it.
+//! A test compares the table in the README with it.
 
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
@@ -47,11 +47,11 @@ pub fn description(name: &str) -> Option<&'static Description> {
     METHODS.iter().find(|method| method.name == name)
 }
 
-/// The method `name` with its settings, from the machine file or from a plan. It executes the prompts
-/// that a plan holds.
+/// The method `name` with its settings, from the machine file or from a plan. It handles the prompts that a
+/// plan contains.
 ///
 /// # Errors
-/// An unknown method, and whatever its settings refuse (unknown keys, wrong types).
+/// The method is unknown, or its settings are invalid (unknown keys, wrong types).
 pub fn configure<'de, D: Deserializer<'de>>(
     name: &str,
     settings: D,
@@ -59,7 +59,7 @@ pub fn configure<'de, D: Deserializer<'de>>(
     let method = by_name(name, settings)?;
     let mut settings = method.settings();
     if let Some(trials) = settings.get_mut("monte_carlo_trials") {
-        // Nothing but the residuals is looked at.
+        // Only the residuals of this copy are used, so the minimum number of trials suffices.
         *trials = crate::Refused::MIN_TRIALS.into();
     }
     let quick = Qualified(by_name(name, settings).map_err(D::Error::custom)?);

@@ -1,5 +1,5 @@
-//! Measurements that are far from all others are measured again after the last stage, each at most twice; what was
-//! measured last counts. The method within sees it in the place of the first.
+//! Outliers are measured again after the last stage, each step at most twice. The last measurement counts:
+//! the wrapped method gets it in place of the first.
 
 use std::borrow::Cow;
 
@@ -9,12 +9,12 @@ use machine::record::plan::{Plan, REPEAT_AFTER_STOP, REPEAT_OF_SUSPECTS, Stage, 
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
-/// How often a step is measured again.
+/// Maximum number of repeated measurements of one step.
 const MOST: usize = 2;
 
 pub(super) struct Suspecting {
     pub method: Box<dyn Method>,
-    /// The same with few Monte Carlo trials.
+    /// The same method with the minimum number of Monte Carlo trials.
     pub quick: Box<dyn Method>,
 }
 
@@ -22,7 +22,8 @@ fn is_again(repeat: u32) -> bool {
     (REPEAT_OF_SUSPECTS..REPEAT_AFTER_STOP).contains(&repeat)
 }
 
-/// Of each step that was measured again, before the repeat `before`, the last in the place of the others.
+/// Readings with only the last of the repeats below `before` of each step that was measured again; it
+/// replaces the earlier ones.
 fn last_of_each(readings: &[Reading], before: u32) -> Cow<'_, [Reading]> {
     if !readings.iter().any(|reading| is_again(reading.repeat)) {
         return Cow::Borrowed(readings);
@@ -43,7 +44,7 @@ fn last_of_each(readings: &[Reading], before: u32) -> Cow<'_, [Reading]> {
     readings.iter().filter(counts).filter(stays).map(placed).collect::<Vec<_>>().into()
 }
 
-/// Whether a step is of the measurement `label`, or is it.
+/// Whether the step is part of the measurement `label`, or is that measurement.
 fn belongs(step: &Step, label: &str) -> bool {
     let rest = step.label.strip_prefix(label);
     step.kind != StepKind::Prompt
@@ -56,9 +57,10 @@ fn of_outlier<'p>(plan: &'p Plan, outlier: &Outlier) -> impl Iterator<Item = &'p
 }
 
 impl Suspecting {
-    /// The suspects of the earliest stage that has some: they are proven against what was known then.
+    /// The stage that repeats the suspects of the earliest stage that has any. They are of one stage because
+    /// the proof of a repeated stage uses what was known when that stage was planned.
     fn again(&self, plan: &Plan, done: &[Stage], readings: &[Reading]) -> Option<Stage> {
-        // A refusal is told when the run is identified.
+        // An error is reported when the run is identified.
         let estimate = self.quick.identify(plan, &last_of_each(readings, u32::MAX)).ok()?;
         let times = |step: &Step| {
             let again = done.iter().filter(|stage| is_again(stage.repeat));
@@ -78,7 +80,8 @@ impl Suspecting {
         })
     }
 
-    /// Outliers that were measured again, as they were found before each round; those that are off still first.
+    /// Adds the outliers that were measured again, as they were found before each round. Outliers that remain
+    /// come first.
     fn list(&self, plan: &Plan, readings: &[Reading], estimate: &mut Estimate) {
         let mut rounds: Vec<u32> = readings.iter().map(|reading| reading.repeat).collect();
         rounds.retain(|repeat| is_again(*repeat));

@@ -7,10 +7,10 @@ use machine::record::plan::Plan;
 
 use crate::Refused;
 
-/// Revolutions in equal steps, with some steps more before and after them.
+/// Revolutions in equal steps, with lead-in and lead-out steps.
 #[derive(Debug, Clone, Copy)]
 pub struct Turns {
-    /// Steps of one revolution.
+    /// Steps in one revolution.
     pub positions: usize,
     pub revolutions: usize,
     /// Steps before the first revolution and after the last.
@@ -18,11 +18,11 @@ pub struct Turns {
 }
 
 impl Turns {
-    /// The whole way in multiples of 360°/`positions`: the revolutions from zero or to zero where the limits of
-    /// the axis have room for them, otherwise all from the lower limit on.
+    /// The whole travel in multiples of 360°/`positions`. The revolutions start at zero or end at zero if the
+    /// limits of the axis allow it; otherwise the travel starts at the lower limit.
     ///
     /// # Errors
-    /// The axis does not turn so often.
+    /// The limits of the axis do not allow so many revolutions.
     pub fn within(self, plan: &Plan, axis: Axis) -> Result<RangeInclusive<i64>, Refused> {
         let spec = plan.machine.axes.get(&axis).ok_or_else(Refused::no_table)?;
         let step_deg = 360.0 / self.positions as f64;

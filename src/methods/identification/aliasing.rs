@@ -1,13 +1,14 @@
-//! Orders of a rotary axis' error motion that the measured angles cannot tell from its location.
+//! Orders of the error motion of a rotary axis that the measured angles cannot separate from its location
+//! errors.
 
 use machine::Axis;
 use machine::record::plan::{Plan, StepKind};
 
-/// Orders that are looked at.
+/// Orders that are checked.
 const ORDERS: std::ops::RangeInclusive<u32> = 1..=12;
 const SAME: f64 = 1e-6;
 
-/// Orders whose harmonics have the same value at all `angles`, rad. None where the axis does not turn.
+/// Orders whose harmonics have the same value at all `angles`, rad. Empty if the axis does not turn.
 fn aliased_orders(angles: &[f64]) -> Vec<u32> {
     let Some(first) = angles.first() else { return Vec::new() };
     let is_same = |by: f64| (by.cos() - 1.0).abs() < SAME;
@@ -19,11 +20,11 @@ fn aliased_orders(angles: &[f64]) -> Vec<u32> {
     ORDERS.filter(is_aliased).collect()
 }
 
-/// What an axis' error motions are inseparable from where nothing more exact is known.
+/// What the error motions of an axis are inseparable from, if the method gives nothing more exact.
 pub const LOCATION: &str = "its location errors";
 
-/// A sentence for `not_identifiable`; `of`: from what these orders are inseparable. `None`: the angles separate all
-/// orders that are looked at.
+/// A sentence for `not_identifiable`. `of` names what these orders are inseparable from. `None`: the angles
+/// separate all orders that are checked.
 pub fn aliased(axis: Axis, angles: &[f64], of: &str) -> Option<String> {
     let orders = aliased_orders(angles);
     let first = orders.first()?;
@@ -36,7 +37,8 @@ pub fn aliased(axis: Axis, angles: &[f64], of: &str) -> Option<String> {
     ))
 }
 
-/// The same of the rotary axes but the spindle where the steps of a plan touch or look.
+/// The sentences of [`aliased`] for all rotary axes except the spindle, from the angles at which the steps of
+/// a plan measure.
 pub fn aliased_by_plan(plan: &Plan) -> Vec<String> {
     let rotary = plan.machine.axes.keys().filter(|axis| !axis.is_linear() && **axis != Axis::S);
     let of_axis = |axis: &Axis| {
@@ -63,7 +65,7 @@ mod tests {
         let orders = |degrees: &[f64]| aliased_orders(&angles(degrees));
         assert_eq!(orders(&[0.0, 90.0, 180.0, 270.0, 360.0]), [4, 8, 12]);
         assert_eq!(orders(&[30.0, -90.0, 150.0]), [3, 6, 9, 12]);
-        // One angle between them, or none beside it.
+        // One angle between the others separates all orders; a single angle gives no orders.
         assert!(orders(&[0.0, 90.0, 180.0, 200.0]).is_empty());
         assert!(orders(&[45.0, 45.0]).is_empty() && orders(&[]).is_empty());
         let line = aliased(Axis::C, &angles(&[0.0, 90.0, 270.0]), LOCATION).unwrap();

@@ -1,15 +1,15 @@
-//! Deviations that go with the azimuth of a contact, and what a declared total makes of each order.
+//! Deviations that depend on the azimuth of a contact, and the size of each order from a declared total.
 
 use std::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-/// Harmonic orders of pre-travel where none are declared. Lower ones are radius and stylus offset.
+/// Harmonic orders of pre-travel if none are declared. Lower orders are the radius and the stylus offset.
 pub const LOBING_ORDERS: [u32; 5] = [2, 3, 4, 5, 6];
 
-/// Standard deviation of the cosine and of the sine part of each order. `declared` orders have equal shares of the
-/// variance. Where none are declared, the whole may have any order: each of the `possible` has it, so that the
-/// worst is never too small.
+/// Standard deviation of the cosine and of the sine part of each order. `declared` orders share the variance
+/// equally. If none are declared, each of the `possible` orders gets the total, so that the worst case is
+/// never too small.
 pub fn size_by_order(total: f64, declared: &[u32], possible: &[u32]) -> Vec<(u32, f64)> {
     let (orders, size) = match declared {
         [] => (possible, total),
@@ -18,16 +18,17 @@ pub fn size_by_order(total: f64, declared: &[u32], possible: &[u32]) -> Vec<(u32
     orders.iter().map(|order| (*order, size)).collect()
 }
 
-/// cos kα or, a quarter turn on, sin kα of the azimuth α of the unit vector `normal` (spindle frame), times the sine of
-/// its angle to the spindle axis.
+/// cos kα of the azimuth α of the unit vector `normal` (spindle frame), or sin kα with `quarter_turns` of a
+/// quarter turn, times the sine of the angle between `normal` and the spindle axis.
 pub fn azimuth_factor(order: u32, quarter_turns: f64, normal: &Vector3<f64>) -> f64 {
     let phase = f64::from(order) * normal.y.atan2(normal.x) - quarter_turns * TAU;
     normal.x.hypot(normal.y) * phase.cos()
 }
 
-/// A deviation of standard deviation `total_mm` that goes with the direction ([`azimuth_factor`]) of the contacts'
-/// outward unit `normals`. `declared`: its orders, if known; `counts`: which of them. Patterns: orders as declared,
-/// cosine before sine.
+/// Patterns of a deviation of standard deviation `total_mm` that depends on the direction
+/// ([`azimuth_factor`]) of the outward unit `normals` of the contacts. `declared`: its orders, if known;
+/// `counts`: whether an order is included. The patterns follow the order of the declared orders, cosine
+/// before sine.
 pub fn azimuth_patterns(
     total_mm: f64,
     declared: &[u32],

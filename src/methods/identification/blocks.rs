@@ -1,5 +1,5 @@
-//! Least squares of independent blocks of unknowns, such as the harmonics of periodic functions, each solved in the
-//! directions that its rows determine.
+//! Least squares of independent blocks of unknowns, such as the harmonics of periodic functions. Each block
+//! is solved in the directions that its rows determine.
 
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, Survey, lower_root};
 use estimation::null_names::name_null_space;
@@ -13,36 +13,36 @@ use super::source::{Effect, InResiduals, ObservationRun, UncertaintySource};
 use crate::IdentifyError;
 use machine::record::estimate::{Function, Unit};
 
-/// An output that contains more than this part of a lost direction is not identifiable.
+/// Maximum relative component of an identifiable output along an undetermined direction.
 const MAX_LOST_SHARE: f64 = 1e-7;
 
 /// The equations of one block.
 pub struct BlockEquations {
-    /// Observations × unknowns, with the names of the unknowns.
+    /// Design matrix, observations × unknowns, with the names of the unknowns.
     pub design: Mat<f64>,
     pub names: Vec<String>,
     pub observed_mm: Vec<f64>,
     pub sigma_mm: Vec<f64>,
-    /// Of each observation, its group from 0 on.
+    /// Group index of each observation, from 0.
     pub groups: Vec<usize>,
 }
 
-/// One block, solved. The observations are reduced before: of each group, the parts that an unknown can take.
-/// What remains of the residuals is no effect of any unknown.
+/// The solution of one block. Before the fit the observations of each group are reduced to the components
+/// that the unknowns can explain. The rest of the residuals is an effect of no unknown.
 pub struct BlockFit {
-    /// Reduced observations (of standard uncertainty 1) × observations, 1/mm.
+    /// Reduction matrix, reduced observations (of standard uncertainty 1) × observations, 1/mm.
     pub reduction: Mat<f64>,
-    /// Reduced observations × unknowns.
+    /// Design matrix, reduced observations × unknowns.
     pub design: Mat<f64>,
     pub solution: LinearSolution,
-    /// Unknowns × nullity: the directions that the rows do not determine. The solution has no part in
+    /// Unknowns × nullity: the directions that the rows do not determine. The solution has no component along
     /// them.
     pub null_space: Mat<f64>,
-    /// The same in words.
+    /// The undetermined directions in words.
     pub lost: Vec<String>,
-    /// Of all observations, measured less model, mm.
+    /// Residuals of all observations, measured minus model, mm.
     residuals_mm: Vec<f64>,
-    /// Σ(residual/σ)² of all observations, and their degrees of freedom.
+    /// Σ(residual/σ)² of all observations; `dof`: their degrees of freedom.
     pub chi2: f64,
     pub dof: usize,
 }
@@ -78,7 +78,7 @@ impl BlockFit {
         })
     }
 
-    /// Whether an output with the derivative `slope` by the unknowns of the block is determined.
+    /// Whether the rows determine an output with the derivative `slope` by the unknowns of the block.
     pub fn determines(&self, slope: &[f64]) -> bool {
         let largest = slope.iter().fold(0.0, |largest: f64, s| largest.max(s.abs()));
         self.null_space.col_iter().all(|direction| {
@@ -89,8 +89,9 @@ impl BlockFit {
 }
 
 impl BlockFit {
-    /// Of a harmonic whose cosine and sine parts are the unknowns 2·`column` and 2·`column` + 1: the derivatives of the
-    /// parts by the unknowns, without what lies along the orthogonal directions `removed`. `None`: not determined.
+    /// Derivatives by the unknowns of the cosine and sine part of a harmonic, without their components along
+    /// the orthogonal directions `removed`. The two parts are the unknowns 2·`column` and 2·`column` + 1.
+    /// `None`: not determined.
     pub fn identifiable_parts(&self, column: usize, removed: &[Vec<f64>]) -> Option<[Vec<f64>; 2]> {
         let part = |offset: usize| {
             let mut slope = unit_slope(2 * column + offset, self.design.ncols());
@@ -101,7 +102,7 @@ impl BlockFit {
     }
 }
 
-/// Removes the part along `direction`.
+/// Removes the component along `direction`.
 fn remove(slope: &mut [f64], direction: &[f64]) {
     let square: f64 = direction.iter().map(|d| d * d).sum();
     let along: f64 = slope.iter().zip(direction).map(|(s, d)| s * d).sum::<f64>() / square;
@@ -112,7 +113,7 @@ fn numerical(error: linear::LinearError) -> IdentifyError {
     IdentifyError::Numerical(error.to_string())
 }
 
-/// Of each group, an orthonormal basis of its weighted rows of the design.
+/// An orthonormal basis of the weighted rows of the design, for each group.
 fn reduction(equations: &BlockEquations) -> Mat<f64> {
     let BlockEquations { design, sigma_mm, groups, .. } = equations;
     let count = groups.iter().map(|group| group + 1).max().unwrap_or(0);
@@ -131,20 +132,21 @@ fn reduction(equations: &BlockEquations) -> Mat<f64> {
     Mat::from_fn(basis.len(), design.nrows(), |i, j| basis[i][j])
 }
 
-/// All blocks, of equally many unknowns. Unknowns and reduced observations: block after block.
+/// The solutions of all blocks. Each block has the same number of unknowns. Unknowns and reduced observations
+/// are concatenated block by block.
 pub struct BlockwiseFit {
     pub blocks: Vec<BlockFit>,
-    /// Of all blocks.
+    /// Unknowns of all blocks.
     pub x: Vec<f64>,
-    /// Of the reduced observations.
+    /// Weighted residuals of the reduced observations.
     weighted_residuals: Vec<f64>,
-    /// Unknowns of one block.
+    /// Number of unknowns of one block.
     columns: usize,
 }
 
 impl BlockwiseFit {
     /// # Errors
-    /// Values that are not finite.
+    /// A value is not finite.
     pub fn new(equations: impl Iterator<Item = BlockEquations>) -> Result<Self, IdentifyError> {
         let blocks = equations.map(|block| BlockFit::new(&block));
         let blocks: Vec<BlockFit> = blocks.collect::<Result<_, _>>()?;
@@ -159,7 +161,8 @@ impl BlockwiseFit {
         })
     }
 
-    /// Degrees of freedom are those of the reduced observations.
+    /// The solution for the propagation of uncertainty. Its degrees of freedom are those of the reduced
+    /// observations.
     pub fn solution(&self) -> Solution<'_> {
         let solutions = || self.blocks.iter().map(|fit| &fit.solution);
         let residuals = self.blocks.iter().flat_map(|fit| fit.residuals_mm.clone());
@@ -174,21 +177,21 @@ impl BlockwiseFit {
         Solution { model: self, residuals, is_declared: true, figures, measurements: &[] }
     }
 
-    /// From the unknowns of one block to all.
+    /// Extends a derivative by the unknowns of one block to all unknowns.
     pub fn widened(&self, block: usize, slope: &[f64]) -> Vec<f64> {
         let mut all = vec![0.0; self.x.len()];
         all[block * self.columns..][..slope.len()].copy_from_slice(slope);
         all
     }
 
-    /// A change of all observations, mm, as change of the reduced observations.
+    /// Converts a change of all observations, mm, to a change of the reduced observations.
     fn reduce(&self, change_mm: &[f64]) -> Vec<f64> {
         let parts = change_mm.chunks(change_mm.len() / self.blocks.len().max(1));
         let of = |(fit, part): (&BlockFit, &[f64])| multiply(&fit.reduction, part);
         self.blocks.iter().zip(parts).flat_map(of).collect()
     }
 
-    /// Effect of observations with a covariance, mm², within each block.
+    /// Effect of observations that have the given covariance, mm², within each block.
     pub fn independent_blocks(&self, covariance: impl Fn(usize) -> Mat<f64>) -> Effect {
         let (mut runs, mut first) = (Vec::new(), 0);
         for (block, fit) in self.blocks.iter().enumerate() {
@@ -201,8 +204,8 @@ impl BlockwiseFit {
         Effect::Runs(runs)
     }
 
-    /// A source that moves many observations together, by its `columns` in mm: no part of the weights; its
-    /// size stays as declared.
+    /// A source that changes many observations together, by its `columns` in mm. It does not enter the
+    /// weights; its size stays as declared.
     pub fn declared_source(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
         let effect = Effect::Joint(columns.iter().map(|column| self.reduce(column)).collect());
         UncertaintySource {
@@ -214,7 +217,7 @@ impl BlockwiseFit {
 }
 
 impl BlockwiseFit {
-    /// Root mean square of the residuals of each block, a harmonic from 1 on.
+    /// Root mean square residual of each block. Block n holds harmonic n, from 1.
     pub fn residuals(&self) -> Function {
         let of = |(order, block): (f64, &BlockFit)| (order, rms(&block.residuals_mm) * 1e3);
         order_values("residual_rms", Unit::Um, (1..).map(f64::from).zip(&self.blocks).map(of))

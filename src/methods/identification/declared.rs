@@ -1,6 +1,5 @@
-//! Sizes and patterns of the sources that the plan declares of probe and axes (METHODS section 6). A
-//! pattern is the deviation by one draw of unit variance, mm: one entry a contact (a touch, a dwell
-//! point).
+//! Sizes and patterns of the sources that the plan declares for probe and axes (METHODS section 6). A pattern
+//! is the deviation by one draw of unit variance, mm, with one entry per contact (a touch or a dwell point).
 
 use std::f64::consts::PI;
 
@@ -15,21 +14,21 @@ use nalgebra::Vector3;
 use super::azimuth::{azimuth_patterns, size_by_order};
 use super::probe_map::ProbeMap;
 
-/// Harmonic orders of a rotary axis' error motion where none are declared. The mean is the axis'
-/// location, and the first harmonic is inseparable from what the axis carries.
+/// Harmonic orders of the error motion of a rotary axis if none are declared. The mean is the location of the
+/// axis, and the first harmonic is inseparable from the position of what the axis carries.
 pub const MOTION_ORDERS: [u32; 4] = [2, 3, 4, 5];
-/// Assumed standard uncertainty of one touch where none is declared, mm; the residuals rescale it.
+/// Assumed standard uncertainty of one touch if none is declared, mm; the residuals rescale it.
 const UNDECLARED_REPEATABILITY_MM: f64 = 1e-3;
 
 /// An error motion of a rotary axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RotaryMotion {
     pub error: ErrorParameter,
-    /// Standard deviation of its amplitude.
+    /// Standard deviation of its amplitude, mm.
     pub size_mm: f64,
 }
 
-/// Standard uncertainty of one touch, mm: declared, or assumed where none is declared.
+/// Standard uncertainty of one touch, mm: the declared value, or the assumed one if none is declared.
 pub fn repeatability_mm(plan: &Plan) -> f64 {
     plan.probe.repeatability_um.map_or(UNDECLARED_REPEATABILITY_MM, |um| um * 1e-3)
 }
@@ -40,15 +39,15 @@ pub fn display_step_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
     Vector3::from(Axis::LINEAR.map(width)).component_mul(&normal).norm()
 }
 
-/// Standard uncertainty by rounding of the displayed position along the unit vector `normal` (machine
+/// Standard uncertainty from rounding of the displayed position along the unit vector `normal` (machine
 /// frame), mm: rectangular over one step (JCGM 100, F.2.2.1).
 pub fn resolution_mm(plan: &Plan, normal: Vector3<f64>) -> f64 {
     display_step_mm(plan, normal) / 12f64.sqrt()
 }
 
-/// Standard uncertainty of a mean of touches by the steps of the display, mm. Rounding errors are a
-/// sawtooth of the true place; scatter of σ behind it takes the factor exp(−2π²σ²/a²) of its first
-/// harmonic, and more of the others. What scatter does not average out stays.
+/// Standard uncertainty of a mean of touches from the steps of the display, mm. The rounding error is a
+/// sawtooth function of the true position. Scatter of σ multiplies its first harmonic by exp(−2π²σ²/a²) and
+/// reduces the higher ones more. The part that the scatter does not average out remains.
 pub fn rounding_mm(step_mm: f64, s_mm: f64) -> f64 {
     if step_mm <= 0.0 {
         return 0.0;
@@ -57,13 +56,13 @@ pub fn rounding_mm(step_mm: f64, s_mm: f64) -> f64 {
     step_mm / 12f64.sqrt() * (-2.0 * PI * PI * own.max(0.0)).exp()
 }
 
-/// Standard deviation of the drift rate of the table against the spindle, along each axis, mm/s.
+/// Standard deviation of the drift rate of the table relative to the spindle, along each axis, mm/s.
 pub fn drift_mm_per_s(plan: &Plan) -> f64 {
     plan.machine.drift_um_per_h * 1e-3 / 3600.0
 }
 
-/// Standard uncertainty of a coordinate of one point, by what the plan declares of the axes and, of a touch, of the probe,
-/// mm; `t_s`: since the beginning of the run, for the drift.
+/// Standard uncertainty of one coordinate of a point, mm, from what the plan declares for the axes and, for a
+/// touch, for the probe. `t_s`: time since the start of the run, s, for the drift.
 pub fn point_mm(plan: &Plan, is_touch: bool, t_s: f64) -> f64 {
     let along = |axis: Axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
     let rounding = Axis::LINEAR.map(along).into_iter().fold(0.0, f64::max) * 1e-3 / 12f64.sqrt();
@@ -76,14 +75,15 @@ pub fn point_mm(plan: &Plan, is_touch: bool, t_s: f64) -> f64 {
     (motions.sum::<f64>() + probe.powi(2) + rounding.powi(2) + drift.powi(2)).sqrt()
 }
 
-/// Half of the declared lost motion of X, Y and Z, mm: by so much an axis lags behind the direction of a touch.
+/// Half of the declared lost motion of X, Y and Z, mm: the lag of an axis behind the direction of a touch.
 pub fn half_backlash_mm(plan: &Plan) -> Vector3<f64> {
     let half = |axis| plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.backlash_um * 0.5e-3);
     Vector3::from(Axis::LINEAR.map(half))
 }
 
-/// How far X, Y and Z stand from where they are shown after moving through `positions` (mm) in turn, by the declared lost
-/// motion: an axis follows its command once the gap is used up. At the first they stand where they are shown.
+/// Deviation of the true positions of X, Y and Z from the displayed ones after each move through `positions`
+/// (mm), from the declared lost motion. An axis follows its command once the backlash is taken up. At the
+/// first position the deviation is zero.
 pub fn lags_mm(plan: &Plan, positions: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let half = half_backlash_mm(plan);
     let mut lag = Vector3::zeros();
@@ -96,17 +96,19 @@ pub fn lags_mm(plan: &Plan, positions: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     first.into_iter().chain(lags).collect()
 }
 
-/// Direction-dependent pre-travel ([`azimuth_patterns`]); of a qualified probe what its map does not know.
+/// Direction-dependent pre-travel ([`azimuth_patterns`]). For a qualified probe: the part that its map does
+/// not contain.
 pub fn lobing_patterns(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
     let (total_mm, orders) = (plan.probe.lobing_um * 1e-3, &plan.probe.lobing_orders);
-    // A map that cannot be taken is refused before.
+    // A map that cannot be used is refused earlier.
     match ProbeMap::of(plan) {
         Ok(Some(map)) => map.patterns(total_mm, orders, normals),
         _ => azimuth_patterns(total_mm, orders, normals, |_| true),
     }
 }
 
-/// Standard uncertainty of the stated stylus offset in each of X and Y, mm; of a probe whose offset is qualified 0.
+/// Standard uncertainty of the stated stylus offset in each of X and Y, mm; 0 for a probe whose offset is
+/// qualified.
 pub fn stylus_offset_mm(plan: &Plan) -> f64 {
     match ProbeMap::of(plan) {
         Ok(Some(map)) if map.knows(1) => 0.0,
@@ -114,12 +116,13 @@ pub fn stylus_offset_mm(plan: &Plan) -> f64 {
     }
 }
 
-/// Correlation length of a sensor's linearity error, as a part of its range. Two to six waves over the range have 0.04
-/// where the slope at one reading counts (r-test), 0.025 where the readings span a part of a wave (laser R-test).
+/// Correlation length of the linearity error of a sensor, as a fraction of its range. Linearity errors with
+/// two to six periods over the range correspond to 0.04 where the slope at one reading matters (r-test) and
+/// to 0.025 where the readings span a part of a period (laser R-test).
 const LINEARITY_LENGTH: f64 = 0.032;
 
-/// Linearity error of a sensor: a smooth random function of its `readings`, mm. Readings within a hundredth of its
-/// correlation length have the same error.
+/// Linearity error of a sensor: a smooth random function of its `readings`, mm. Readings closer than a
+/// hundredth of the correlation length have the same error.
 pub fn linearity_patterns(sensor: &Sensor, readings: &[f64]) -> Vec<Vec<f64>> {
     if sensor.linearity_um == 0.0 {
         return Vec::new();
@@ -130,8 +133,9 @@ pub fn linearity_patterns(sensor: &Sensor, readings: &[f64]) -> Vec<Vec<f64>> {
     stationary_function(&readings, sensor.linearity_um * 1e-3, length_mm)
 }
 
-/// Effects of the linearity errors on the harmonics of revolutions, one entry an observation of `data`, mm: of each sensor a smooth random function of its reading, the
-/// same in all rows, over their mean revolutions. `sensors`: in the order of the channels.
+/// Effects of the linearity errors on the harmonics of revolutions, mm, one entry per observation of `data`.
+/// The error of each sensor is a smooth random function of its reading. It is the same in all rows and is
+/// evaluated over their mean revolutions. `sensors` are in the order of the channels.
 pub fn linearity_of_revolutions(
     sensors: &[Sensor],
     rows: &[RowRevolutions],
@@ -157,7 +161,7 @@ pub fn linearity_of_revolutions(
 }
 
 /// Error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): a smooth random
-/// function of each axis' position. The caller applies each pattern along X, Y and Z independently.
+/// function of the position of each axis. The caller applies each pattern along X, Y and Z independently.
 pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f64>> {
     let mut patterns = Vec::new();
     for (k, axis) in Axis::LINEAR.into_iter().enumerate() {
@@ -171,8 +175,9 @@ pub fn linear_motion_patterns(plan: &Plan, points: &[Vector3<f64>]) -> Vec<Vec<f
     patterns
 }
 
-/// Angular error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): rotations about each of
-/// X, Y and Z that are smooth random functions of the position of the axis, rad by one draw, zero at zero.
+/// Angular error motions of X, Y and Z at the axis positions `points` (machine coordinates, mm): rotations
+/// about X, Y and Z that are smooth random functions of the axis position, rad per draw, zero at position
+/// zero.
 pub fn angular_motion_patterns(
     plan: &Plan,
     points: &[Vector3<f64>],
@@ -193,8 +198,8 @@ pub fn angular_motion_patterns(
     patterns
 }
 
-/// Translational error motions of the rotary axes (ISO 230-7). `possible`: orders that count where an axis
-/// declares none. Order: axis; harmonic, cosine before sine; X, Y, Z.
+/// Translational error motions of the rotary axes (ISO 230-7). `possible`: orders for an axis that declares
+/// none. Order of the list: axis; harmonic, cosine before sine; X, Y, Z.
 pub fn rotary_motions(plan: &Plan, possible: &[u32]) -> Vec<RotaryMotion> {
     let rotary = plan.machine.axes.iter().filter(|(axis, _)| !axis.is_linear());
     let mut motions = Vec::new();

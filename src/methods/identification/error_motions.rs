@@ -1,5 +1,5 @@
-//! Values of error motions of a turning axis as ISO 230-7 names them: synchronous, fundamental, residual synchronous
-//! from the harmonics; total and asynchronous from single revolutions.
+//! Error motion values of a rotating axis by ISO 230-7: synchronous, fundamental and residual synchronous
+//! values from the harmonics; total and asynchronous values from single revolutions.
 
 use machine::record::estimate::{Parameter, Unit};
 
@@ -7,9 +7,9 @@ use super::estimate::reported_parameter;
 use super::harmonics::HarmonicFunction;
 use super::range::{Range, range};
 
-/// Synchronous error motion value in the fixed sensitive direction of the motion; of an axial motion also the
-/// fundamental and the residual synchronous value (the first harmonic of the others is eccentricity or tilt).
-/// Only identifiable harmonics take part; a motion without one has no value.
+/// Synchronous error motion value in the fixed sensitive direction of the motion. An axial motion also has
+/// the fundamental and the residual synchronous value (the first harmonic of the other motions is
+/// eccentricity or tilt). Only identifiable harmonics are included; a motion without one has no value.
 pub fn turning_axis_ranges(motion: &HarmonicFunction, is_axial: bool) -> Vec<Range> {
     let symbol = &motion.symbol;
     let mut ranges = vec![motion.range(format!("{symbol}_synchronous"))];
@@ -23,7 +23,7 @@ pub fn turning_axis_ranges(motion: &HarmonicFunction, is_axial: bool) -> Vec<Ran
     ranges.into_iter().flatten().collect()
 }
 
-/// Total and asynchronous value of a motion in one measurement. Both contain the noise of the sensors.
+/// Total and asynchronous value of a motion in one measurement. Both include the noise of the sensors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RevolutionRanges {
     /// Range over all angles and revolutions.
@@ -33,8 +33,8 @@ pub struct RevolutionRanges {
 }
 
 impl RevolutionRanges {
-    /// `synchronous`: the mean motion at equal angles. `motion`: revolutions × angles, up to a function of
-    /// the angle that is the same in each revolution.
+    /// `synchronous`: the mean motion at equally spaced angles. `motion`: revolutions × angles; it may
+    /// contain an unknown function of the angle that is the same in each revolution.
     pub fn new(synchronous: &[f64], motion: &[Vec<f64>]) -> Self {
         let (mut asynchronous, mut all) = (0.0_f64, Vec::new());
         for (i, synchronous) in synchronous.iter().enumerate() {
@@ -48,8 +48,8 @@ impl RevolutionRanges {
     }
 }
 
-/// Total and asynchronous value of the motion `symbol`: mean over the measurements with the standard uncertainty of
-/// that mean (type A; no value from one measurement).
+/// Total and asynchronous value of the motion `symbol`: the mean over the measurements and the standard
+/// uncertainty of that mean (type A). One measurement gives no uncertainty and therefore no value.
 pub fn revolution_parameters(
     symbol: &str,
     unit: Unit,

@@ -1,4 +1,4 @@
-//! The estimate in its published form: parameters, covariance, functions.
+//! The estimate in its published form: parameters, covariance and functions.
 
 use std::collections::BTreeMap;
 
@@ -21,18 +21,18 @@ use crate::IdentifyError;
 pub struct Identification {
     pub outputs: Outputs,
     pub propagation: Propagation,
-    /// Of the parameters in the order of the estimate, internal units.
+    /// Trials of the parameters in the order of the estimate, internal units.
     pub trials: Option<Summary>,
     pub figures: FitFigures,
     pub checked: Checked,
-    /// Of a misfit: what may be larger than declared.
+    /// Sources that may be larger than declared and would explain a misfit.
     pub likely: Vec<LikelySource>,
 }
 
-/// Propagates the sources to the outputs: to first order and, with a `plan`, by trials.
+/// Propagates the sources to the outputs: to first order and, with a `plan`, by Monte Carlo trials.
 ///
 /// # Errors
-/// A source that is not of the size of the model; fewer than two trials.
+/// A source does not match the size of the model; fewer than two trials.
 pub fn identify(
     solution: &Solution<'_>,
     sources: &[UncertaintySource],
@@ -56,7 +56,7 @@ pub fn identify(
 }
 
 impl Identification {
-    /// The estimate without the method's own sentences and figures, which the method adds.
+    /// The estimate without the sentences and figures that the method adds.
     pub fn estimate(&self, method: &str) -> Estimate {
         let (figures, misfit) = (&self.figures, &self.propagation.misfit);
         let parameters = self.outputs.all_parameters().enumerate();
@@ -105,18 +105,18 @@ impl Identification {
         }
     }
 
-    /// Standard uncertainty by trials, internal unit.
+    /// Standard uncertainty from the trials, internal unit.
     fn u_by_trials(&self, index: usize) -> Option<f64> {
         self.trials.as_ref()?.standard_deviation.get(index).copied()
     }
 
-    /// Shortest coverage interval by trials, internal unit.
+    /// Shortest coverage interval from the trials, internal unit.
     fn interval(&self, index: usize) -> Option<[f64; 2]> {
         self.trials.as_ref()?.shortest.get(index).copied()
     }
 
-    /// Uncertainty of a parameter, by its index in the estimate, in its internal unit. `None`: there is
-    /// no such parameter.
+    /// Uncertainty of a parameter in its internal unit, by its index in the estimate. `None`: there is no
+    /// such parameter.
     pub fn uncertainty(&self, index: usize) -> Option<Uncertainty> {
         let output = self.outputs.all_parameters().nth(index)?;
         Some(self.uncertainty_of(index, output))
@@ -132,7 +132,7 @@ impl Identification {
         }
     }
 
-    /// Of the linear parameters, in the products of their reported units.
+    /// Covariance of the linear parameters, in the products of their reported units.
     fn covariance(&self) -> Covariance {
         let outputs = &self.outputs.parameters;
         let slopes = self.outputs.slopes(self.propagation.unknowns());
@@ -160,7 +160,7 @@ impl Identification {
         }
     }
 
-    /// Symbols of the linear parameters whose first-order u the trials contradict (JCGM 101, 8.1.3).
+    /// Symbols of the linear parameters whose first-order u contradicts the trials (JCGM 101, 8.1.3).
     pub fn contradicted(&self) -> Vec<&str> {
         let Some(trials) = &self.trials else { return Vec::new() };
         let parameters = self.outputs.parameters.iter().enumerate();
@@ -171,7 +171,7 @@ impl Identification {
     }
 }
 
-/// A parameter without trials, of a known `value` (internal unit) and uncertainty.
+/// A parameter without trials, with the given `value` (internal unit) and uncertainty.
 pub fn derived_parameter(symbol: &str, unit: Unit, value: f64, own: Uncertainty) -> Parameter {
     let lines = own.budget.into_iter();
     Parameter {
@@ -180,8 +180,8 @@ pub fn derived_parameter(symbol: &str, unit: Unit, value: f64, own: Uncertainty)
     }
 }
 
-/// A parameter without budget and trials, of a known `value` and standard uncertainty `u` (internal unit)
-/// with `dof` effective degrees of freedom (`None`: infinitely many).
+/// A parameter without budget and trials, with the given `value` and standard uncertainty `u` (internal unit)
+/// and `dof` effective degrees of freedom (`None`: infinitely many).
 pub fn reported_parameter(
     symbol: &str,
     unit: Unit,

@@ -1,17 +1,17 @@
-//! What a plan will reach, by the estimate of nominal readings.
+//! Expected uncertainty of a plan, from the estimate of nominal readings.
 
 use super::declared::repeatability_mm;
 use machine::record::estimate::{Estimate, Parameter};
 use machine::record::machine::Probe;
 use machine::record::plan::Plan;
 
-/// The plan with a declared repeatability: residuals of nominal readings show none.
+/// The plan with a declared repeatability, because the residuals of nominal readings show no scatter.
 pub fn with_repeatability(plan: &Plan) -> Plan {
     let repeatability_um = Some(repeatability_mm(plan) * 1e3);
     Plan { probe: Probe { repeatability_um, ..plan.probe.clone() }, ..plan.clone() }
 }
 
-/// That it is assumed, where `plan` does not declare it.
+/// A sentence that the repeatability is assumed, if `plan` does not declare it.
 pub fn assumed_repeatability(plan: &Plan) -> Option<String> {
     let assumed_um = repeatability_mm(plan) * 1e3;
     plan.probe.repeatability_um.is_none().then(|| {
@@ -19,7 +19,7 @@ pub fn assumed_repeatability(plan: &Plan) -> Option<String> {
     })
 }
 
-/// U of the parameters that are `of_interest`.
+/// Expanded uncertainty U of the parameters that are `of_interest`, as text.
 pub fn expected(estimate: &Estimate, of_interest: impl Fn(&Parameter) -> bool) -> Option<String> {
     let list = estimate.parameters.iter().filter(|parameter| of_interest(parameter));
     let list = list.map(|p| format!("{} {:.1} {}", p.symbol, p.expanded, p.unit.symbol()));

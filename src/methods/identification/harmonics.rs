@@ -12,32 +12,32 @@ use super::range::Range;
 /// Cosine and sine part of one harmonic.
 #[derive(Debug, Clone)]
 pub struct Harmonic {
-    /// Periods in one revolution; below 1 for a sub-harmonic.
+    /// Periods per revolution; below 1 for a sub-harmonic.
     pub order: f64,
     /// Derivatives of the cosine and of the sine part by each unknown, internal units.
     pub parts: [Vec<f64>; 2],
 }
 
-/// A sum of harmonics. An order that is not identifiable is left out.
+/// A sum of harmonics. Orders that are not identifiable are left out.
 #[derive(Debug, Clone)]
 pub struct HarmonicFunction {
     pub symbol: String,
-    /// In which the estimate reports it.
+    /// Unit in which the estimate reports the function.
     pub unit: Unit,
     pub harmonics: Vec<Harmonic>,
 }
 
-/// Angles at which the largest and the least value of a function are sought.
+/// Number of angles at which the largest and the smallest value of a function are searched.
 const RANGE_ANGLES: usize = 360;
 
 impl HarmonicFunction {
-    /// With the orders that `is_kept` accepts.
+    /// The function with only the orders that `is_kept` accepts.
     pub fn only(mut self, is_kept: impl Fn(f64) -> bool) -> Self {
         self.harmonics.retain(|harmonic| is_kept(harmonic.order));
         self
     }
 
-    /// Derivative of the value at the angle, rad, by each unknown; empty without harmonics.
+    /// Derivative of the value at the angle, rad, by each unknown; empty if there are no harmonics.
     fn slope_at(&self, angle: f64) -> Vec<f64> {
         let unknowns = self.harmonics.first().map_or(0, |harmonic| harmonic.parts[0].len());
         let mut sum = vec![0.0; unknowns];
@@ -50,13 +50,13 @@ impl HarmonicFunction {
         sum
     }
 
-    /// Values at `count` equal angles from 0 on.
+    /// Values at `count` equally spaced angles, from 0.
     pub fn values(&self, count: usize, x: &[f64]) -> Vec<f64> {
         let slopes = (0..count).map(|i| self.slope_at(i as f64 * TAU / count as f64));
         slopes.map(|slope| dot(&slope, x)).collect()
     }
 
-    /// Over one revolution of the axis `argument`, closed.
+    /// The curve over one revolution of the axis `argument`, with the end point equal to the start point.
     pub fn curve(&self, argument: &'static str, points: usize, x: &[f64]) -> Curve {
         let at: Vec<f64> = (0..=points).map(|i| i as f64 * 360.0 / points as f64).collect();
         let slopes: Vec<Vec<f64>> = at.iter().map(|deg| self.slope_at(deg.to_radians())).collect();
@@ -72,7 +72,7 @@ impl HarmonicFunction {
         }
     }
 
-    /// Cosine and sine part of each harmonic: `EXC_c2`, `EXC_s2`.
+    /// Cosine and sine part of each harmonic, with symbols such as `EXC_c2` and `EXC_s2`.
     pub fn coefficients(&self, x: &[f64]) -> Vec<Output> {
         let of = |harmonic: &Harmonic| {
             ["c", "s"]
@@ -87,7 +87,7 @@ impl HarmonicFunction {
         self.harmonics.iter().flat_map(of).collect()
     }
 
-    /// Largest less smallest value over one revolution. `None`: no harmonics.
+    /// Largest minus smallest value over one revolution. `None`: there are no harmonics.
     pub fn range(&self, symbol: String) -> Option<Range> {
         let angle = |i: usize| i as f64 / RANGE_ANGLES as f64 * TAU;
         let slopes = (0..RANGE_ANGLES).map(|i| self.slope_at(angle(i))).collect();
@@ -95,7 +95,7 @@ impl HarmonicFunction {
     }
 }
 
-/// Values over the harmonic order without a stated uncertainty, in `unit`.
+/// Values over the harmonic order in `unit`, without a stated uncertainty.
 pub fn order_values(
     symbol: &str,
     unit: Unit,
@@ -115,7 +115,7 @@ pub fn order_values(
     }
 }
 
-/// Values in mm, numbered from 1 on, without a stated uncertainty: in the order of time they show what moved.
+/// Values in mm, numbered from 1, without a stated uncertainty. In order of time they show movements.
 pub fn numbered_values(symbol: &str, argument: &str, mm: impl Iterator<Item = f64>) -> Function {
     let (x, y): (Vec<f64>, Vec<f64>) = (1..).map(f64::from).zip(mm.map(|mm| mm * 1e3)).unzip();
     Function {
@@ -130,9 +130,9 @@ fn dot(slope: &[f64], x: &[f64]) -> f64 {
 }
 
 impl Identification {
-    /// The amplitudes at the solution `x` over the order. u of an amplitude is the largest u that the harmonic has at any phase: the
-    /// phase of an amplitude near zero is not known, and a derivative along it does not exist. An
-    /// amplitude below 2u does not differ from zero.
+    /// Amplitudes at the solution `x` over the order. The u of an amplitude is the largest u that the
+    /// harmonic has at any phase, because the phase of an amplitude near zero is unknown and its derivative
+    /// does not exist there. An amplitude below 2u does not differ significantly from zero.
     pub fn spectrum(&self, of: &HarmonicFunction, x: &[f64]) -> Function {
         let mut points: Vec<[f64; 3]> =
             of.harmonics.iter().map(|harmonic| self.amplitude(harmonic, x)).collect();

@@ -1,4 +1,4 @@
-//! Errors of the axes as an earlier estimate has found them: location errors and gains.
+//! Errors of the axes from an earlier estimate: location errors and gains.
 
 use faer::Mat;
 
@@ -7,21 +7,22 @@ use crate::Refused;
 use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
 use machine::record::estimate::Estimate;
 
-/// Errors of the axes with the estimate that they come from.
+/// Errors of the axes and the estimate that gives them.
 pub struct KnownErrors<'a> {
     pub estimate: &'a Estimate,
-    /// In the order of the estimate; mm, rad, mm/mm.
+    /// Errors in the order of the estimate; mm, rad, mm/mm.
     pub errors: Vec<ErrorTerm>,
     pub symbols: Vec<&'a str>,
-    /// In the units of the errors.
+    /// Covariance in the units of the errors.
     pub covariance: Mat<f64>,
 }
 
 impl<'a> KnownErrors<'a> {
-    /// Those of the axes of this machine.
+    /// The errors of `estimate` for the axes of this machine.
     ///
     /// # Errors
-    /// None at all, or none with their covariance; errors of axes that this machine does not have.
+    /// The estimate has no such errors, or none with their covariance; it has errors of axes that this
+    /// machine does not have.
     pub fn of(estimate: &'a Estimate, chain: &Chain) -> Result<Self, Refused> {
         let of_axes = estimate.parameters.iter().filter_map(|parameter| {
             let error: ErrorParameter = parameter.symbol.parse().ok()?;

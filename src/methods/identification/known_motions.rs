@@ -10,7 +10,8 @@ use super::probe_map::others;
 use super::source::{Effect, InResiduals, UncertaintySource};
 use crate::Refused;
 
-/// Each has mean zero over the revolution: the mean is part of the location of the axis.
+/// Known error motions. Each has mean zero over the revolution, because the mean is part of the location of
+/// the axis.
 #[derive(Debug, Default)]
 pub struct KnownMotions<'a> {
     priors: Vec<&'a Estimate>,
@@ -19,26 +20,26 @@ pub struct KnownMotions<'a> {
 
 #[derive(Debug)]
 struct KnownMotion<'a> {
-    /// Index of its estimate.
+    /// Index of the estimate that gives the motion.
     prior: usize,
-    /// The location error that displaces the axis as this motion does at one angle.
+    /// Location error that displaces the axis as this motion does at one angle.
     error: ErrorParameter,
-    /// Height at which it holds, where it is not that of `point_mm`.
+    /// Height Z at which the motion is valid, if it is not that of `point_mm`, mm.
     height_mm: Option<f64>,
     form: MotionForm<'a>,
 }
 
 #[derive(Debug)]
 enum MotionForm<'a> {
-    /// Cosine and sine parts by their symbols, where the estimate has their covariance.
+    /// Cosine and sine parts with their symbols, if the estimate has their covariance.
     Harmonics(Vec<(&'a str, ErrorTerm)>),
     Points(PeriodicPoints),
 }
 
 impl<'a> KnownMotions<'a> {
     /// # Errors
-    /// An estimate without error motions of `axis` that is no map of the probe; a function that is none of one revolution; a function
-    /// that two estimates have.
+    /// An estimate has no error motions of `axis` and is not a map of the probe; a function does not cover
+    /// one revolution; two estimates have the same function.
     pub fn new(axis: Axis, priors: &'a [Estimate]) -> Result<Self, Refused> {
         let priors: Vec<&Estimate> = others(priors).collect();
         let mut motions: Vec<KnownMotion<'_>> = Vec::new();
@@ -68,7 +69,7 @@ impl<'a> KnownMotions<'a> {
         self.motions.iter().any(|motion| motion.error.component() == component)
     }
 
-    /// What displaces the axis at its commanded `angle`, rad.
+    /// Errors that displace the axis at its commanded `angle`, rad.
     pub fn errors(&self, angle: f64) -> Vec<ErrorTerm> {
         let terms = |motion: &KnownMotion<'_>| match &motion.form {
             MotionForm::Harmonics(terms) => terms.iter().map(|(_, term)| *term).collect(),
@@ -82,9 +83,10 @@ impl<'a> KnownMotions<'a> {
         self.motions.iter().flat_map(terms).collect()
     }
 
-    /// Harmonics with their covariance; points fully correlated over the angle, as estimates have no
-    /// covariance of points. `angles`: commanded, rad, one an observation. `by_component`: derivative of each
-    /// observation by a displacement of the axis along or about the component.
+    /// Uncertainty sources of the motions. Harmonics have their covariance. Points are fully correlated over
+    /// the angle, because estimates have no covariance of points. `angles`: commanded angle of each
+    /// observation, rad. `by_component`: derivative of each observation by a displacement of the axis along
+    /// or about the component.
     pub fn sources(
         &self,
         angles: &[f64],
@@ -117,7 +119,7 @@ impl<'a> KnownMotions<'a> {
         sources
     }
 
-    /// One line an estimate: its method, its functions and how they are evaluated.
+    /// One line per estimate: its method, its functions and how they are evaluated.
     pub fn in_words(&self) -> Vec<String> {
         let line = |(prior, estimate): (usize, &&Estimate)| {
             let own = self.motions.iter().filter(|motion| motion.prior == prior);
@@ -164,7 +166,7 @@ impl<'a> MotionForm<'a> {
     }
 }
 
-/// `EXC_c2` or `EXC_s2` of the function `EXC`, internal unit.
+/// The term of a parameter such as `EXC_c2` or `EXC_s2` of the function `EXC`, internal unit.
 fn harmonic(function: &str, error: ErrorParameter, parameter: &Parameter) -> Option<ErrorTerm> {
     let suffix = parameter.symbol.strip_prefix(function)?.strip_prefix('_')?;
     let shape = match suffix.split_at_checked(1)? {
@@ -184,7 +186,7 @@ fn order(parameter: ErrorParameter) -> Option<u32> {
     }
 }
 
-/// Of the functions `EXC` to `ECC` of a rotary axis over its angle.
+/// The error of a function `EXC` to `ECC` of a rotary axis over its angle.
 fn motion_error(function: &Function) -> Option<ErrorParameter> {
     let mut letters = function.symbol.strip_prefix('E')?.chars();
     let mut axis = || letters.next()?.to_string().parse::<Axis>().ok();
@@ -208,7 +210,7 @@ fn has_covariance(estimate: &Estimate, symbol: &str) -> bool {
         && covariance.symbols.iter().any(|own| own == symbol)
 }
 
-/// Expected in the residuals, not in the weights.
+/// A source that is expected in the residuals and does not enter the weights.
 fn points_source(estimate: &Estimate, columns: Vec<Vec<f64>>) -> UncertaintySource {
     let name = format!("estimate of {}", estimate.method);
     UncertaintySource {

@@ -1,4 +1,4 @@
-//! Which of the sources, were it larger than declared, would explain a misfit best.
+//! Sources that would best explain a misfit if they were larger than declared.
 
 use estimation::thin_svd::ThinSvd;
 use faer::Mat;
@@ -6,23 +6,24 @@ use faer::Mat;
 use super::model::Solution;
 use super::source::{Effect, UncertaintySource};
 
-/// So many are named at most.
+/// Maximum number of sources that are named.
 const MOST: usize = 3;
-/// Gain of the logarithm of the likelihood from which on a source is named.
+/// Minimum gain in log-likelihood for a source to be named.
 const LEAST_GAIN: f64 = 3.0;
-/// Factors on the declared size that are tried: powers of √2.
+/// Factors on the declared size that are tried, as exponents of √2.
 const FACTORS: std::ops::RangeInclusive<i32> = 1..=20;
 
 /// A source that may be larger than declared.
 #[derive(Debug, Clone)]
 pub struct LikelySource {
     pub name: String,
-    /// On its declared size, by the largest likelihood.
+    /// Maximum-likelihood factor on its declared size.
     pub factor: f64,
     gain: f64,
 }
 
-/// Of the sources that move many observations together, the most likely first.
+/// The sources with joint effects on many observations that may be larger than declared, the most likely
+/// first.
 pub fn likely_sources(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Vec<LikelySource> {
     let mut list: Vec<LikelySource> =
         sources.iter().filter_map(|source| if_larger(solution, source)).collect();
@@ -32,8 +33,9 @@ pub fn likely_sources(solution: &Solution<'_>, sources: &[UncertaintySource]) ->
     list
 }
 
-/// Weighted residuals have the variance 1, and by a source of the singular values σ in them 1 + f²σ² along its singular
-/// vectors. `None`: no draws, or nothing of them in the residuals.
+/// The weighted residuals have the variance 1. A source with the singular values σ in the residuals,
+/// multiplied by f, gives the variance 1 + f²σ² along its singular vectors. `None`: the source has no joint
+/// draws, or they do not appear in the residuals.
 fn if_larger(solution: &Solution<'_>, source: &UncertaintySource) -> Option<LikelySource> {
     if !matches!(source.effect, Effect::Joint(_)) {
         return None;

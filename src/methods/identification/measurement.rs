@@ -1,24 +1,24 @@
-//! What is compared with all others: a touch, a place, a mean.
+//! A measurement that is compared with all others: a touch, a ball centre or a mean.
 
 use std::ops::Range;
 
 use nalgebra::Matrix3;
 
-/// What may be off by itself.
+/// A unit of the observations that may be an outlier.
 #[derive(Debug, Clone)]
 pub struct Measurement {
-    /// As the plan labels it.
+    /// Label in the plan.
     pub label: String,
     pub in_words: String,
-    /// Its rows among the weighted residuals.
+    /// Indices of its rows in the weighted residuals.
     pub rows: Range<usize>,
-    /// Its residual, mm: outward along a touch; of a place the length.
+    /// Residual, mm: outward along a touch; for a point, its length.
     pub residual_mm: f64,
-    /// Standard uncertainty by the sources in the weights, mm.
+    /// Standard uncertainty from the sources in the weights, mm.
     pub u_mm: f64,
 }
 
-/// Of a coordinate, mm, on average. `weight`: from mm to weighted rows.
+/// Mean standard uncertainty of a coordinate, mm. `weight` converts mm to weighted rows.
 pub fn mean_u_mm(weight: &Matrix3<f64>) -> f64 {
     3f64.sqrt() / weight.norm()
 }

@@ -2,10 +2,10 @@
 //! uncertainty to the estimate.
 //!
 //! A method solves its equations and gives an [`ObservationModel`] at the solution, a list of
-//! [`UncertaintySource`]s and its [`Outputs`]. [`identify`] propagates the sources to first order
-//! (JCGM 100) and by trials (JCGM 101), and [`Identification::estimate`] makes the estimate of it.
-//! Observations are numbers of one unit, mm, in an order that the method fixes; sources refer to them
-//! by index. The core imports no method.
+//! [`UncertaintySource`]s and its [`Outputs`]. [`identify`] propagates the sources to first order (JCGM 100)
+//! and by Monte Carlo trials (JCGM 101). [`Identification::estimate`] makes the estimate. Observations are
+//! numbers of one unit, mm, in an order that the method fixes; sources refer to them by index. The core
+//! imports no method.
 
 mod aliasing;
 pub mod azimuth;

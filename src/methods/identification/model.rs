@@ -1,4 +1,4 @@
-//! A solved observation model, as the propagation of uncertainty uses it.
+//! Interface of a solved observation model for the propagation of uncertainty.
 
 use estimation::linear::{LinearSolution, Survey};
 use estimation::nonlinear::Minimum;
@@ -7,21 +7,21 @@ use nalgebra::Vector3;
 
 use super::measurement::Measurement;
 
-/// Figures of a solved problem that the estimate repeats.
+/// Figures of a solved problem that the estimate reports.
 #[derive(Debug, Clone, Copy)]
 pub struct FitFigures {
     pub rank: usize,
-    /// Free unknowns: without those that the gauge fixes.
+    /// Number of free unknowns, without those that the gauge fixes.
     pub unknowns: usize,
-    /// σmax/σmin of the column-scaled design.
+    /// Condition number σmax/σmin of the column-scaled design.
     pub condition: f64,
-    /// Rows less rank.
+    /// Degrees of freedom: rows minus rank.
     pub dof: usize,
     pub residual_rms_mm: f64,
 }
 
 impl FitFigures {
-    /// Of a linear fit without gauge.
+    /// Figures of a linear fit without gauge.
     pub fn of_linear(solution: &LinearSolution) -> Self {
         Self {
             rank: solution.rank,
@@ -32,7 +32,7 @@ impl FitFigures {
         }
     }
 
-    /// Of places found by a nonlinear fit of full rank. `misses`: residual of each place, mm.
+    /// Figures of points found by a nonlinear fit of full rank. `misses`: residual of each point, mm.
     pub fn of_places(survey: &Survey, minimum: &Minimum, misses: &[Vector3<f64>]) -> Self {
         let unknowns = minimum.x.len();
         let coordinates: Vec<f64> = misses.iter().flatten().copied().collect();
@@ -55,12 +55,12 @@ pub fn rms(values: &[f64]) -> f64 {
 /// A solved observation model with its residuals.
 pub struct Solution<'a> {
     pub model: &'a dyn ObservationModel,
-    /// Weighted (divided by the standard uncertainties), measured less model.
+    /// Weighted residuals (divided by the standard uncertainties), measured minus model.
     pub residuals: &'a [f64],
     /// Whether the sizes of the judged sources are declared; otherwise they are assumed.
     pub is_declared: bool,
     pub figures: FitFigures,
-    /// What is compared with all others; what is not among them is not checked.
+    /// Measurements that are checked for outliers; observations outside of them are not checked.
     pub measurements: &'a [Measurement],
 }
 
@@ -69,12 +69,12 @@ pub struct Solution<'a> {
 pub struct Response {
     /// Change of the unknowns, in their units.
     pub unknowns: Vec<f64>,
-    /// Change of the weighted residuals, one entry a residual of the [`Solution`].
+    /// Change of the weighted residuals, one entry per residual of the [`Solution`].
     pub residuals: Vec<f64>,
 }
 
-/// Unknowns as a function of the observations near the readings. The unknowns include those that a
-/// source changes directly.
+/// The unknowns as a function of the observations near the readings. The unknowns include those that a source
+/// changes directly.
 pub trait ObservationModel: Sync {
     /// Number of observations.
     fn observations(&self) -> usize;
@@ -82,20 +82,21 @@ pub trait ObservationModel: Sync {
     /// Number of unknowns.
     fn unknowns(&self) -> usize;
 
-    /// First-order effect of a change of the observations, mm, one entry an observation.
+    /// First-order effect of a change of the observations, mm, one entry per observation.
     fn respond(&self, change: &[f64]) -> Response;
 
-    /// How far each weighted residual is explained by itself, 0 to 1. Empty: hardly at all.
+    /// Leverage of each weighted residual, 0 to 1: the share of a deviation that its own row absorbs. Empty:
+    /// negligible.
     fn leverage(&self) -> Vec<f64> {
         Vec::new()
     }
 
     /// Unknowns (trials × unknowns), not their changes, for changes of the observations (trials ×
-    /// observations, mm); nonlinear where the model is.
+    /// observations, mm). The solution is nonlinear if the model is.
     fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64>;
 
-    /// As [`solve_near`](Self::solve_near), but linear functions of the unknowns: trials × functions.
-    /// `slopes`: functions × unknowns.
+    /// Linear functions of the unknowns of [`solve_near`](Self::solve_near): trials × functions. `slopes`:
+    /// functions × unknowns.
     fn functions_near(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
         self.solve_near(changes) * slopes.transpose()
     }
@@ -106,18 +107,18 @@ pub trait ObservationEquation: Sync {
     /// Number of observations.
     fn observations(&self) -> usize;
 
-    /// Weighted residuals, measured less model, at the unknowns `x` for observations changed by `change`
-    /// (mm, one entry an observation).
+    /// Weighted residuals, measured minus model, at the unknowns `x` for observations changed by `change`
+    /// (mm, one entry per observation).
     fn residuals(&self, x: &[f64], change: &[f64]) -> Vec<f64>;
 
-    /// First-order change of the weighted residuals by `change` at fixed unknowns; the sign is that of
-    /// measured less model.
+    /// First-order change of the weighted residuals by `change` at fixed unknowns, with the sign of measured
+    /// minus model.
     fn weighted_change(&self, change: &[f64]) -> Vec<f64>;
 }
 
-/// Gauss–Newton steps to a solution nearby with one Jacobian. After the second the error is of third
-/// order in a change that the model explains; of a change that it does not explain, the curvature times
-/// the residuals remains.
+/// Number of Gauss–Newton steps to a nearby solution with one Jacobian. After the second step the error is of
+/// third order in a change that the model explains. For a change that it does not explain, the curvature
+/// times the residuals remains.
 const NEAR_STEPS: usize = 2;
 
 /// A problem solved by [`estimation::nonlinear::minimise`].
@@ -162,7 +163,8 @@ impl<E: ObservationEquation> ObservationModel for LeastSquares<'_, E> {
     }
 }
 
-/// Solves trial by trial: `solve` gives `unknowns` numbers for a row of `changes`. Trials × unknowns.
+/// Solves trial by trial: `solve` gives `unknowns` numbers for a row of `changes`. The result is trials ×
+/// unknowns.
 pub fn solve_each_trial(
     changes: MatRef<'_, f64>,
     unknowns: usize,
@@ -178,18 +180,17 @@ pub fn solve_each_trial(
 
 /// A linear fit x = gain·y of y = a·x, with or without constraints.
 pub struct LinearFit<'a> {
-    /// The solution.
     pub x: &'a [f64],
-    /// Observations × unknowns.
+    /// Design matrix, observations × unknowns.
     pub a: &'a Mat<f64>,
     /// Standard uncertainty of each observation, mm.
     pub sigma: &'a [f64],
-    /// Unknowns × observations.
+    /// Gain matrix, unknowns × observations.
     pub gain: &'a Mat<f64>,
 }
 
 impl LinearFit<'_> {
-    /// Change of the weighted residuals where the unknowns follow the gain.
+    /// Change of the weighted residuals if the unknowns follow the gain.
     pub fn residual_change(&self, change: &[f64]) -> Vec<f64> {
         let explained = multiply(self.a, &multiply(self.gain, change));
         let rows = change.iter().zip(explained).zip(self.sigma);

@@ -1,7 +1,7 @@
-//! Measurements that are far from all others, by one rule for all methods: an externally studentised residual beyond
-//! the limit of Student's t, or of Fisher's F where a measurement has several rows, for so many measurements
-//! (Bonferroni). A residual is compared with what the declared sources leave in it; the scatter of all others counts,
-//! but not less than declared.
+//! Outlier detection by one rule for all methods. An outlier is a measurement whose externally studentised
+//! residual exceeds the limit of Student's t, or of Fisher's F for several rows, for the number of
+//! measurements (Bonferroni). A residual is compared with the variance that the declared sources leave in it.
+//! The scatter of all other residuals counts, but not less than declared.
 
 use std::ops::Range;
 
@@ -14,24 +14,25 @@ use machine::record::estimate::{Deviation, Outlier, SmallestFound};
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM: f64 = 1e-3;
-/// A row of which no more than this part of the variance is left in its residual is checked by no other.
+/// Minimum share of the variance of a row that must remain in its residual. Below it no other row checks this
+/// row.
 const UNCHECKED: f64 = 1e-4;
-/// Two measurements whose residual patterns are parallel to this degree cannot be told apart.
+/// Squared cosine between the residual patterns of two measurements above which they are indistinguishable.
 const ALIKE: f64 = 1.0 - 1e-6;
-/// Probability with which a deviation of the size of [`Checked::smallest_found`] is found.
+/// Probability of detecting a deviation of the size of [`Checked::smallest_found`].
 const POWER: f64 = 0.95;
 
-/// Measurements against all others.
+/// Result of the comparison of each measurement with all others.
 pub struct Checked {
     pub outliers: Vec<Outlier>,
-    /// Of each measurement.
+    /// Smallest detectable deviation of each measurement.
     pub smallest_found: Vec<SmallestFound>,
-    /// A sentence for each of the outliers.
+    /// One sentence for each outlier.
     pub warnings: Vec<String>,
 }
 
 impl Checked {
-    /// `variances`: of each weighted residual, by the declared sources.
+    /// `variances`: variance of each weighted residual from the declared sources.
     pub fn new(solution: &Solution<'_>, misfit: &Misfit, variances: &[f64]) -> Self {
         let leverage = solution.model.leverage();
         let residuals = RowResiduals {
@@ -49,7 +50,7 @@ impl Checked {
         Self { outliers, smallest_found, warnings }
     }
 
-    /// What is found, in words. `None`: nothing is checked.
+    /// Smallest detectable deviations in words. `None`: no measurement is checked.
     pub fn limits(&self) -> Option<String> {
         let mut sizes: Vec<(f64, &str)> = self
             .smallest_found
@@ -95,13 +96,14 @@ impl Check<'_> {
         list
     }
 
-    /// What its studentised residual stays below. `None`: no other measurement checks it.
+    /// Limit of its studentised residual. `None`: no other measurement checks it.
     fn limit(&self, measurement: &Measurement) -> Option<f64> {
         let all = self.solution.measurements.len();
         self.residuals.limit(measurement.rows.clone(), FALSE_ALARM / all as f64)
     }
 
-    /// Measurements of one row each whose deviations leave the same pattern in the residuals, this one among them.
+    /// Measurements of one row each whose deviations leave the same pattern in the residuals, including this
+    /// one.
     fn alike<'m>(&'m self, measurement: &'m Measurement) -> Vec<&'m Measurement> {
         let Solution { model, residuals, measurements, .. } = self.solution;
         if measurement.rows.len() > 1 || model.observations() != residuals.len() {
@@ -116,20 +118,20 @@ impl Check<'_> {
         measurements.iter().filter(|other| are_alike([&own, &pattern(other)])).collect()
     }
 
-    /// If this measurement alone is off.
+    /// Deviation of this measurement if it is the only outlier.
     fn deviation(&self, measurement: &Measurement) -> Deviation {
         let deviation_um = 1e3 * measurement.residual_mm / self.remainder(measurement);
         Deviation { label: measurement.label.clone(), deviation_um }
     }
 
-    /// The part of its deviation that is left in its residual.
+    /// Fraction of its deviation that remains in its residual.
     fn remainder(&self, measurement: &Measurement) -> f64 {
         let rows = measurement.rows.clone();
         let sum: f64 = rows.filter_map(|row| self.leverage.get(row)).sum();
         1.0 - sum / measurement.rows.len() as f64
     }
 
-    /// In the direction in which it is seen least.
+    /// Smallest detectable deviation, in the direction in which the residuals show it least.
     fn smallest_found(&self, measurement: &Measurement) -> SmallestFound {
         let rows = measurement.rows.clone();
         let least = rows.map(|row| self.residuals.variances[row]).fold(0.0, f64::max).sqrt();
@@ -144,14 +146,14 @@ impl Check<'_> {
 
 /// Weighted residuals, row by row.
 pub struct RowResiduals<'a> {
-    /// Divided by the standard uncertainties, measured less model.
+    /// Residuals divided by the standard uncertainties, measured minus model.
     pub residuals: &'a [f64],
-    /// Of each residual, by the declared sources.
+    /// Variance of each residual from the declared sources.
     pub variances: &'a [f64],
-    /// Sum of squares, scaled so that its expectation is its effective degrees of freedom.
+    /// Sum of squares, scaled so that its expectation equals its effective degrees of freedom.
     pub chi2: f64,
     pub dof: f64,
-    /// Whether the standard uncertainties are declared; otherwise the residuals alone judge.
+    /// Whether the standard uncertainties are declared; otherwise the scatter comes from the residuals alone.
     pub is_declared: bool,
 }
 
@@ -161,7 +163,8 @@ impl RowResiduals<'_> {
         rows.filter(|row| self.variances[*row] >= UNCHECKED)
     }
 
-    /// What [`Self::studentised`] of sound rows is above with this `probability`. `None`: no other row checks them.
+    /// The value that [`Self::studentised`] of rows without an outlier exceeds with this `probability`.
+    /// `None`: no other row checks them.
     pub fn limit(&self, rows: Range<usize>, probability: f64) -> Option<f64> {
         let own = self.checked(rows).count() as f64;
         let others = self.dof - own;
@@ -172,24 +175,24 @@ impl RowResiduals<'_> {
         }
     }
 
-    /// Length of the residual against the scatter of all others. 0 for rows that no other checks.
+    /// Length of the residual relative to the scatter of all others; 0 for rows that no other row checks.
     pub fn studentised(&self, rows: Range<usize>) -> f64 {
         let count = self.checked(rows.clone()).count() as f64;
         let square = |row: usize| self.residuals[row].powi(2) / self.variances[row];
         let own: f64 = self.checked(rows).map(square).sum();
-        // Residuals smaller than declared make nothing far.
+        // Residuals smaller than declared must not make a measurement an outlier.
         let least = if self.is_declared { 1.0 } else { f64::MIN_POSITIVE };
         (own / ((self.chi2 - own) / (self.dof - count)).max(least)).sqrt()
     }
 
-    /// By so much a residual must be beyond its limit to be there with a probability of 0.95.
+    /// Excess of a deviation over the limit that gives a detection probability of 0.95.
     fn margin(&self) -> f64 {
         two_sided(2.0 * POWER - 1.0, self.dof - 1.0)
     }
 }
 
-/// Whether deviations of two measurements leave the same pattern in the residuals. `patterns`: the residuals that a
-/// deviation of each leaves.
+/// Whether deviations of two measurements leave the same pattern in the residuals. `patterns`: the residuals
+/// that a deviation of each measurement leaves.
 pub fn are_alike(patterns: [&[f64]; 2]) -> bool {
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let [one, other] = patterns;

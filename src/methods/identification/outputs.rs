@@ -1,4 +1,4 @@
-//! Reported quantities, as functions of the unknowns.
+//! Reported quantities as functions of the unknowns.
 
 use faer::{Mat, MatRef};
 use machine::kinematics::{ErrorParameter, Shape};
@@ -8,22 +8,22 @@ use machine::record::estimate::{FigureKind, Unit};
 #[derive(Debug, Clone)]
 pub struct Output {
     pub symbol: String,
-    /// In which the estimate reports it.
+    /// Unit in which the estimate reports it.
     pub unit: Unit,
-    /// At the solution, internal unit.
+    /// Value at the solution, internal unit.
     pub value: f64,
     /// Derivative by each unknown, internal units. `None`: its uncertainty comes from the trials alone.
     pub slope: Option<Vec<f64>>,
 }
 
 impl Output {
-    /// coefficients·x.
+    /// The output coefficients·x.
     pub fn linear(symbol: &str, unit: Unit, coefficients: Vec<f64>, x: &[f64]) -> Self {
         let value = coefficients.iter().zip(x).map(|(c, x)| c * x).sum();
         Self { symbol: symbol.to_owned(), unit, value, slope: Some(coefficients) }
     }
 
-    /// The unknown `index` of `x`.
+    /// The output that is the unknown `index` of `x`.
     pub fn unknown(symbol: &str, unit: Unit, index: usize, x: &[f64]) -> Self {
         Self::linear(symbol, unit, unit_slope(index, x.len()), x)
     }
@@ -40,22 +40,23 @@ pub struct Curve {
     pub symbol: String,
     pub argument: &'static str,
     pub argument_unit: &'static str,
-    /// In `argument_unit`.
+    /// Arguments in `argument_unit`.
     pub x: Vec<f64>,
-    /// At the solution, internal unit.
+    /// Values at the solution, internal unit.
     pub y: Vec<f64>,
-    /// In which the estimate reports y.
+    /// Unit in which the estimate reports y.
     pub unit: Unit,
     pub figure: FigureKind,
     /// Points × unknowns: derivative of each y by each unknown, internal units.
     pub slopes: Vec<Vec<f64>>,
 }
 
-/// Trials × unknowns to trials × outputs, internal units.
+/// Function from trials × unknowns to trials × outputs, internal units.
 pub type TrialFunction = Box<dyn Fn(MatRef<'_, f64>) -> Mat<f64> + Send + Sync>;
 
-/// Parameters that are no linear function of the unknowns: a circle's centre, a largest deviation. They
-/// are not in the covariance. One without slope has no budget, and no u but by trials: NaN where none are run.
+/// Parameters that are nonlinear functions of the unknowns, such as the centre of a circle or a largest
+/// deviation. They are not in the covariance. A parameter without slope has no budget; its u comes from the
+/// trials and is NaN without trials.
 pub struct NonlinearOutputs {
     pub outputs: Vec<Output>,
     /// Values of the outputs, in their order.
@@ -64,14 +65,14 @@ pub struct NonlinearOutputs {
 
 #[derive(Default)]
 pub struct Outputs {
-    /// With budget and covariance. Each has a slope.
+    /// Linear parameters with budget and covariance. Each has a slope.
     pub parameters: Vec<Output>,
     pub curves: Vec<Curve>,
     pub nonlinear: Option<NonlinearOutputs>,
 }
 
 impl Outputs {
-    /// Derivatives of the `parameters`: outputs × unknowns. NaN where a slope is missing.
+    /// Derivatives of the `parameters`: outputs × unknowns. NaN if a slope is missing.
     pub fn slopes(&self, unknowns: usize) -> Mat<f64> {
         let slope = |i: usize| self.parameters[i].slope.as_deref().unwrap_or_default();
         Mat::from_fn(self.parameters.len(), unknowns, |i, j| {
@@ -79,13 +80,13 @@ impl Outputs {
         })
     }
 
-    /// Parameters in the order of the estimate: linear, then nonlinear ones.
+    /// Parameters in the order of the estimate: linear parameters, then nonlinear ones.
     pub fn all_parameters(&self) -> impl Iterator<Item = &Output> {
         self.parameters.iter().chain(self.nonlinear.iter().flat_map(|of| &of.outputs))
     }
 
-    /// What a trial must give, as functions × unknowns: the parameters; the unknowns themselves where
-    /// a parameter is no linear function of them.
+    /// Functions that each trial computes, as functions × unknowns: the parameters, or all unknowns if some
+    /// parameters are nonlinear.
     pub fn trial_slopes(&self, unknowns: usize) -> Mat<f64> {
         match &self.nonlinear {
             None => self.slopes(unknowns),
@@ -94,8 +95,8 @@ impl Outputs {
     }
 
     /// Trials × parameters in the order of the estimate, internal units, from trials × functions of
-    /// [`trial_slopes`](Self::trial_slopes). A linear parameter is slope·x: where its value is not, it is
-    /// shifted by a constant.
+    /// [`trial_slopes`](Self::trial_slopes). A linear parameter is computed as slope·x; if its value differs
+    /// from that, its trials are shifted by a constant.
     pub fn of_trials(&self, values: Mat<f64>) -> Mat<f64> {
         let Some(nonlinear) = &self.nonlinear else { return values };
         let linear = &values * self.slopes(values.ncols()).transpose();
@@ -109,8 +110,8 @@ impl Outputs {
     }
 }
 
-/// Derivatives of `function` at the point `at` by central differences of the half width `step`: values ×
-/// arguments. `None` where `function` has no value.
+/// Derivatives of `function` at the point `at` by central differences of half width `step`: values ×
+/// arguments. `None`: `function` has no value there.
 pub fn central_differences(
     at: &[f64],
     step: f64,

@@ -1,14 +1,14 @@
-//! Values of a function over one revolution, from the points of an estimate.
+//! Values of a function over one revolution, interpolated from the points of an estimate.
 
 use machine::record::estimate::Function;
 
 const TURN_DEG: f64 = 360.0;
-/// Points nearer to each other are one point, degrees.
+/// Angle below which two points count as one, degrees.
 const SAME_ANGLE_DEG: f64 = 1e-6;
-/// Largest angle between neighbouring points, degrees.
+/// Maximum angle between neighbouring points, degrees.
 const MAX_GAP_DEG: f64 = 90.0;
 
-/// Angle, degrees in 0 … 360; value and standard uncertainty in internal units.
+/// One point: angle, degrees in 0 … 360; value and standard uncertainty in internal units.
 #[derive(Debug, Clone, Copy)]
 pub struct PeriodicPoint {
     pub deg: f64,
@@ -16,15 +16,15 @@ pub struct PeriodicPoint {
     pub u: f64,
 }
 
-/// By rising angle, of mean zero over the revolution.
+/// Points by increasing angle, with mean zero over the revolution.
 #[derive(Debug, Clone)]
 pub struct PeriodicPoints(Vec<PeriodicPoint>);
 
 impl PeriodicPoints {
-    /// Points at one angle count as one: the mean of their values, the largest of their u.
+    /// Merges points at one angle: the mean of their values, the largest of their u.
     ///
     /// # Errors
-    /// What is wrong with the points, as the end of a sentence about the function.
+    /// The points are unusable. The text is the end of a sentence about the function.
     pub fn new(function: &Function) -> Result<Self, String> {
         let Function { x, y, u, unit, .. } = function;
         let are_numbers = [x, y, u].iter().all(|list| list.iter().all(|value| value.is_finite()));
@@ -50,7 +50,7 @@ impl PeriodicPoints {
         Ok(points.of_mean_zero())
     }
 
-    /// Linear between neighbouring points, periodic.
+    /// Periodic linear interpolation between neighbouring points.
     pub fn at(&self, deg: f64) -> PeriodicPoint {
         let deg = deg.rem_euclid(TURN_DEG);
         let (count, after) = (self.0.len(), self.0.partition_point(|point| point.deg <= deg));
@@ -60,7 +60,7 @@ impl PeriodicPoints {
         PeriodicPoint { deg, value: between(one.value, next.value), u: between(one.u, next.u) }
     }
 
-    /// Neighbours, the last point with the first.
+    /// Pairs of neighbours, including the last point with the first.
     fn pairs(&self) -> impl Iterator<Item = (PeriodicPoint, PeriodicPoint)> + '_ {
         let next = self.0.iter().cycle().skip(1);
         self.0.iter().zip(next).map(|(one, next)| (*one, *next))
@@ -74,7 +74,7 @@ impl PeriodicPoints {
     }
 }
 
-/// From a point on to its neighbour; 0 where both are the same point.
+/// Angle from a point to its neighbour, degrees; 0 if both are the same point.
 fn gap_deg(one: PeriodicPoint, next: PeriodicPoint) -> f64 {
     (next.deg - one.deg).rem_euclid(TURN_DEG)
 }
@@ -109,7 +109,7 @@ mod tests {
         }
     }
 
-    /// A triangle of mean 1 with a closing point: 0, 1, 2, 1 at the quarters.
+    /// A triangle wave of mean 1 with a closing point: 0, 1, 2, 1 at the quarters.
     #[test]
     fn linear_periodic_and_of_mean_zero() {
         let closed = function(&[0.0, 90.0, 180.0, 270.0, 360.0], &[0.0, 1.0, 2.0, 1.0, 0.0]);

@@ -1,5 +1,5 @@
-//! The pre-travel of the probe over the direction as an earlier qualification has found it: taken off the readings of
-//! later touch runs, with its covariance as their source of uncertainty.
+//! The map of the probe's pre-travel over the direction, from an earlier qualification. It is subtracted from
+//! the readings of later runs; its covariance is a source of their uncertainty.
 
 use std::borrow::Cow;
 
@@ -16,9 +16,9 @@ use machine::record::machine::Probe;
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::record::reading::Reading;
 
-/// The method that finds the map.
+/// Name of the method that finds the map.
 pub const METHOD: &str = "probe-qualification";
-/// Orders that are looked for in an estimate.
+/// Highest order that is searched for in an estimate.
 const HIGHEST: u32 = 180;
 
 /// Symbols of the cosine and the sine part of an order.
@@ -26,7 +26,7 @@ pub fn symbols(order: u32) -> [String; 2] {
     ["c", "s"].map(|part| format!("E_probe_{part}{order}"))
 }
 
-/// One cosine or sine part.
+/// One cosine or sine part of the map.
 #[derive(Debug, Clone)]
 struct Part {
     symbol: String,
@@ -34,7 +34,7 @@ struct Part {
     quarter_turns: f64,
     value_mm: f64,
     u_mm: f64,
-    /// Otherwise it is carried as an uncertainty, not taken off.
+    /// Whether the part is subtracted; otherwise it counts as an uncertainty.
     is_known: bool,
 }
 
@@ -50,16 +50,16 @@ pub struct ProbeMap<'a> {
     parts: Vec<Part>,
 }
 
-/// Priors of a plan that are no map.
+/// Priors of a plan that are not probe maps.
 pub fn others(priors: &[Estimate]) -> impl Iterator<Item = &Estimate> {
     priors.iter().filter(|prior| prior.method != METHOD)
 }
 
 impl<'a> ProbeMap<'a> {
-    /// `None`: the plan has none among its priors.
+    /// The probe map among the priors of the plan. `None`: there is none.
     ///
     /// # Errors
-    /// More than one; one whose own fit contradicts its model, or without covariance.
+    /// The plan has more than one map; the fit of the map contradicts its model; the map has no covariance.
     pub fn of(plan: &'a Plan) -> Result<Option<Self>, Refused> {
         let mut maps = plan.priors.iter().filter(|prior| prior.method == METHOD);
         let (prior, again) = (maps.next(), maps.next());
@@ -75,7 +75,7 @@ impl<'a> ProbeMap<'a> {
             "read its warnings and qualify the probe again",
         )?;
         let mut parts = parts(prior);
-        // It would make worse what is declared better.
+        // A part that is known less well than [probe] declares would increase the uncertainty.
         parts.retain(|part| declared_mm(&plan.probe, part.order).is_none_or(|mm| part.u_mm <= mm));
         let map = Self { prior, parts };
         let known: Vec<&str> = map.known().map(|part| part.symbol.as_str()).collect();
@@ -92,18 +92,19 @@ impl<'a> ProbeMap<'a> {
         self.parts.iter().filter(|part| part.is_known)
     }
 
-    /// Whether it takes this order off; the first has the stylus offset in it.
+    /// Whether the map subtracts this order. Order 1 includes the stylus offset.
     pub fn knows(&self, order: u32) -> bool {
         self.known().any(|part| part.order == order)
     }
 
-    /// How far too far out a touch along the outward unit `normal` (spindle frame) is read, mm.
+    /// Outward error of the reading of a touch along the outward unit `normal` (spindle frame), mm.
     pub fn at(&self, normal: &Vector3<f64>) -> f64 {
         self.known().map(|part| part.value_mm * part.factor(normal)).sum()
     }
 
-    /// What is not known of pre-travel at contacts along `normals` (spindle frame), mm by one draw: the covariance of what
-    /// was taken off; what was found and is not taken off; of `declared_mm` the `orders` that the map does not have.
+    /// Remaining uncertainty of the pre-travel at contacts along `normals` (spindle frame), mm per draw: the
+    /// covariance of the parts that are subtracted; the parts that are known but not subtracted; and of
+    /// `declared_mm` those `orders` that the map does not contain.
     pub fn patterns(
         &self,
         declared_mm: f64,
@@ -133,7 +134,7 @@ impl<'a> ProbeMap<'a> {
         patterns
     }
 
-    /// For the estimate of a run that takes it as known.
+    /// A sentence for the estimate of a run that uses the map.
     pub fn in_words(&self) -> String {
         let orders = |is_known: bool| {
             let own = self.parts.iter().filter(|part| part.is_known == is_known);
@@ -152,7 +153,7 @@ impl<'a> ProbeMap<'a> {
     }
 }
 
-/// Standard deviation that `[probe]` declares of an order. `None`: nothing of this order.
+/// Standard deviation that `[probe]` declares for an order, mm. `None`: nothing is declared for this order.
 fn declared_mm(probe: &Probe, order: u32) -> Option<f64> {
     if order == 1 {
         return Some(probe.stylus_offset_um * 1e-3);
@@ -181,15 +182,15 @@ fn parts(prior: &Estimate) -> Vec<Part> {
     parts
 }
 
-/// Whether the probe meets something.
+/// Whether the step is a touch of the probe.
 pub fn is_touch(step: &Step) -> bool {
     matches!(step.kind, StepKind::Touch | StepKind::Reference) && step.scan.is_none()
 }
 
-/// The readings of touches without what the map of the plan makes of them.
+/// The readings, with the pre-travel of the plan's map subtracted from touches.
 ///
 /// # Errors
-/// As [`ProbeMap::of`]; a machine without kinematics; a spindle that could be turned and was not oriented.
+/// The errors of [`ProbeMap::of`]; the machine has no kinematics; a positionable spindle was not oriented.
 pub fn without_pre_travel<'r>(
     plan: &Plan,
     readings: &'r [Reading],
@@ -205,7 +206,7 @@ pub fn without_pre_travel<'r>(
         let at = step.from.updated_by(&reading.position);
         let normal = Vector3::from(step.normal);
         let in_spindle = chain.machine_from_spindle(&at, &[]).rotation.inverse() * normal;
-        // Axes that stand on a rotary one go other ways.
+        // Linear axes that a rotary axis carries move in other directions than those of the machine frame.
         let axes_from_table = chain.linear_inverse(&at, &[]).map_err(Refused::from)?;
         let table = chain.machine_from_table(&at, &[]).rotation;
         let off = axes_from_table * (table.inverse() * normal) * map.at(&in_spindle);

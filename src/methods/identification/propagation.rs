@@ -12,7 +12,7 @@ use super::source::{InResiduals, UncertaintySource};
 /// The effects of the sources on the unknowns.
 pub struct Propagation {
     pub misfit: Misfit,
-    /// Of each weighted residual, by the declared sources.
+    /// Variance of each weighted residual from the declared sources.
     pub residual_variances: Vec<f64>,
     effects: Vec<UnknownsEffect>,
     unknowns: usize,
@@ -25,7 +25,7 @@ struct UnknownsEffect {
     distribution: Distribution,
     is_judged: bool,
     dof: f64,
-    /// Unknowns × draws of one standard deviation.
+    /// Change of the unknowns by draws of one standard deviation, unknowns × draws.
     draws: Mat<f64>,
 }
 
@@ -48,7 +48,8 @@ impl Uncertainty {
 }
 
 impl UnknownsEffect {
-    /// Appends to `left` what each draw leaves in the residuals, if χ² is expected to contain it.
+    /// Computes the effect of `source`. Appends the residuals of each draw to `left` if χ² is expected to
+    /// contain them.
     fn new(solution: &Solution<'_>, source: &UncertaintySource, left: &mut Vec<Vec<f64>>) -> Self {
         let model = solution.model;
         let mut draws = Mat::zeros(model.unknowns(), source.draws());
@@ -71,7 +72,8 @@ impl UnknownsEffect {
         Self { name, evaluation, distribution, is_judged, dof, draws }
     }
 
-    /// Variance of the output with this derivative by the unknowns: most derivatives have few entries.
+    /// Variance of the output with this derivative by the unknowns. Only nonzero entries are visited, because
+    /// most derivatives have few.
     fn variance(&self, slope: &[f64]) -> f64 {
         let entries: Vec<(usize, f64)> =
             slope.iter().copied().enumerate().filter(|(_, s)| *s != 0.0).collect();
@@ -81,8 +83,8 @@ impl UnknownsEffect {
 }
 
 impl Propagation {
-    /// Propagates each draw by the model's response, judges the residuals and scales the judged sources
-    /// by [`Misfit::factor`].
+    /// Propagates each draw by the response of the model, compares the residuals with the declared sources
+    /// and scales the judged sources by [`Misfit::factor`].
     pub fn new(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Self {
         let Solution { model, residuals, is_declared, figures, .. } = *solution;
         let mut left = Vec::new();
@@ -97,9 +99,9 @@ impl Propagation {
         Self { misfit, residual_variances, effects, unknowns: model.unknowns() }
     }
 
-    /// Uncertainty of the output with this derivative by each unknown. Where the residuals scale the
-    /// judged sources, these are one component with the degrees of freedom of the misfit; each other
-    /// source is a component of its own (Welch–Satterthwaite, JCGM 100, G.4).
+    /// Uncertainty of the output with this derivative by each unknown. If the residuals scale the judged
+    /// sources, these are one component with the degrees of freedom of the misfit. Each other source is a
+    /// component of its own (Welch–Satterthwaite, JCGM 100, G.4).
     pub fn uncertainty(&self, slope: &[f64]) -> Uncertainty {
         let variances: Vec<f64> = self.effects.iter().map(|e| e.variance(slope)).collect();
         let is_scaled = self.misfit.factor != 1.0;
@@ -111,7 +113,7 @@ impl Propagation {
                 false => components.push((*variance, effect.dof)),
             }
         }
-        // The degrees of freedom of the misfit may be NaN where it scales nothing.
+        // The degrees of freedom of the misfit may be NaN if it scales nothing.
         components.extend(is_scaled.then_some((judged, self.misfit.dof)));
         let lines = self.effects.iter().zip(&variances);
         let line = |(effect, variance): (&UnknownsEffect, &f64)| {

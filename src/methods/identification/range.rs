@@ -1,4 +1,5 @@
-//! Largest less smallest value of a function whose points are linear in the unknowns: a total error motion.
+//! Range of a function whose points are linear in the unknowns, such as a total error motion: largest minus
+//! smallest value.
 
 use faer::{Mat, MatRef};
 use machine::record::estimate::Unit;
@@ -7,13 +8,13 @@ use super::outputs::{NonlinearOutputs, Output};
 
 pub struct Range {
     pub symbol: String,
-    /// In which the estimate reports it.
+    /// Unit in which the estimate reports it.
     pub unit: Unit,
     /// Points × unknowns: derivative of each point by each unknown, internal units.
     pub slopes: Vec<Vec<f64>>,
 }
 
-/// Largest less smallest value; −∞ of none.
+/// Largest minus smallest value; −∞ if there are no values.
 pub fn range(values: &[f64]) -> f64 {
     let largest = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let smallest = values.iter().copied().fold(f64::INFINITY, f64::min);
@@ -40,7 +41,7 @@ pub fn range_outputs(ranges: Vec<Range>, x: &[f64]) -> NonlinearOutputs {
     NonlinearOutputs { outputs, values: Box::new(values) }
 }
 
-/// One range a trial; `trials`: trials × unknowns.
+/// The range of each trial; `trials`: trials × unknowns.
 fn of_trials(slopes: &Mat<f64>, trials: MatRef<'_, f64>) -> Vec<f64> {
     let points = slopes * trials.transpose();
     (0..points.ncols()).map(|trial| range(points.col_as_slice(trial))).collect()

@@ -1,4 +1,5 @@
-//! The keys of the machine file that size the lines of a budget: which line is assumed, and how it depends on its size.
+//! The keys of the machine file that determine the budget lines: which lines are assumed, and their
+//! sensitivity to the declared size.
 
 use machine::Axis;
 use machine::record::artefact::{Artefact, Balls};
@@ -11,9 +12,10 @@ use super::probe_map::ProbeMap;
 /// One line of a budget.
 struct Sized {
     line: &'static str,
-    /// Of the machine file; `axes.*`: of each of the axes.
+    /// Key of the machine file; `axes.*` means each of the axes.
     key: &'static str,
-    /// Of several axes or sensors the largest. 0: nothing that the line is proportional to.
+    /// Declared size; the largest one if there are several axes or sensors. 0: the line is proportional to no
+    /// declared size.
     size: fn(&Plan) -> f64,
 }
 
@@ -62,7 +64,7 @@ const SIZES: [Sized; 17] = [
         plan.sensors.iter().map(|sensor| sensor.linearity_um).fold(0.0, f64::max)
     }),
 ];
-/// What the line of one rotary axis begins with.
+/// Prefix of the budget line for the error motions of one rotary axis.
 const MOTIONS: &str = "error motions of ";
 
 fn largest(plan: &Plan, is_meant: fn(&Axis) -> bool, of: fn(&AxisSpec) -> f64) -> f64 {
@@ -85,8 +87,8 @@ fn resolution(plan: &Plan) -> f64 {
     linear(plan, |axis| axis.resolution_um)
 }
 
-/// Adds to the lines of the budgets their keys and sensitivities, and marks those whose size, or a part of it, is
-/// assumed.
+/// Adds keys and sensitivities to the lines of the budgets, and marks the lines whose size is wholly or
+/// partly assumed.
 pub fn add_sizes(estimate: &mut Estimate, plan: &Plan) {
     let parameters = estimate.parameters.iter_mut().flat_map(|parameter| &mut parameter.budget);
     for line in parameters {
@@ -106,7 +108,7 @@ fn key_and_size(line: &BudgetLine, plan: &Plan) -> Option<(String, f64)> {
     Some((format!("axes.{axis}.error_motion_um"), spec.error_motion_um))
 }
 
-/// Whether `key` of the machine file, e.g. `axes.X.backlash_um`, sizes the line.
+/// Whether the key of the machine file, e.g. `axes.X.backlash_um`, determines the size of the line.
 fn is_of(line: &BudgetLine, key: &str) -> bool {
     let (section, name) = key.rsplit_once('.').unwrap_or(("", key));
     let axis = section.strip_prefix("axes.");

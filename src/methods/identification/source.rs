@@ -1,4 +1,4 @@
-//! Sources of uncertainty: what one independent draw of each changes in the observations.
+//! Sources of uncertainty: the change of the observations by each independent draw.
 
 use estimation::linear::lower_root;
 use estimation::misfit::Misfit;
@@ -8,16 +8,16 @@ pub use machine::record::estimate::EvaluationType;
 use machine::record::estimate::{Estimate, Parameter};
 use nalgebra::{SMatrix, SVector};
 
-/// How χ² of the residuals counts a source. Each value includes the one before it. A source whose size the
-/// residuals can show is `Judged` (scatter of a touch); one whose size is certified, or which moves all
-/// observations alike, is `Expected`; one that the unknowns take up whole may be `Absent`.
+/// How χ² of the residuals treats a source. Each value includes the one before it. A source is `Judged` if
+/// the residuals can show its size (scatter of a touch). It is `Expected` if its size is certified, or if it
+/// moves all observations alike. It may be `Absent` if the unknowns absorb it completely.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum InResiduals {
-    /// χ² is judged without it.
+    /// χ² is evaluated without the source.
     Absent,
-    /// In the expectation of χ²; its size remains as given.
+    /// The source enters the expectation of χ²; its size remains as given.
     Expected,
-    /// In the expectation, and [`Misfit::factor`] scales its size.
+    /// The source enters the expectation of χ², and [`Misfit::factor`] scales its size.
     Judged,
 }
 
@@ -26,18 +26,18 @@ pub enum InResiduals {
 pub struct ObservationRun {
     /// Index of the first observation.
     pub first: usize,
-    /// Changes, mm, one entry an observation.
+    /// Changes, mm, one entry per observation.
     pub values: Vec<f64>,
 }
 
 /// Changes of the observations by independent draws of unit variance, mm.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Effect {
-    /// One draw an observation: the standard uncertainty of each.
+    /// One draw per observation: the standard uncertainty of each.
     Each(Vec<f64>),
-    /// One draw a run.
+    /// One draw per run.
     Runs(Vec<ObservationRun>),
-    /// One draw a column; a column has one entry an observation from the first on, missing entries
+    /// One draw per column. A column has one entry per observation, starting with the first; missing entries
     /// are zero.
     Joint(Vec<Vec<f64>>),
 }
@@ -45,25 +45,25 @@ pub enum Effect {
 /// A line of the uncertainty budget.
 #[derive(Debug, Clone)]
 pub struct UncertaintySource {
-    /// As the budget names it.
+    /// Name in the budget.
     pub name: String,
     pub evaluation: EvaluationType,
     /// Distribution of each draw.
     pub shape: Shape,
-    /// Degrees of freedom of its size; infinite for a declared one.
+    /// Degrees of freedom of its size; infinite for a declared size.
     pub dof: f64,
     pub in_residuals: InResiduals,
-    /// Whether it enters the weights of the observations.
+    /// Whether the source enters the weights of the observations.
     pub is_in_weights: bool,
     pub effect: Effect,
-    /// What each draw changes of the unknowns besides its effect on the observations: draws ×
-    /// unknowns, in the units of the unknowns. Empty: nothing.
+    /// Direct change of the unknowns by each draw, besides its effect on the observations: draws × unknowns,
+    /// in the units of the unknowns. Empty: none.
     pub direct_changes: Vec<Vec<f64>>,
 }
 
 impl UncertaintySource {
-    /// A normal Type B source of infinite degrees of freedom that the residuals judge and that enters
-    /// the weights.
+    /// A normal Type B source with infinite degrees of freedom that the residuals judge and that enters the
+    /// weights.
     pub fn new(name: impl Into<String>, effect: Effect) -> Self {
         Self {
             name: name.into(),
@@ -77,9 +77,10 @@ impl UncertaintySource {
         }
     }
 
-    /// The parameters `symbols` of an earlier estimate with their covariance. `columns[j]`: derivative
-    /// of each observation by the parameter `symbols[j]`, mm per mm, rad, mm/mm or s. Expected in the
-    /// residuals, not in the weights. `None`: the estimate lacks one of them or its covariance.
+    /// The source for the parameters `symbols` of an earlier estimate with their covariance. `columns[j]`:
+    /// derivative of each observation by the parameter `symbols[j]`, mm per mm, rad, mm/mm or s. The source
+    /// is expected in the residuals and does not enter the weights. `None`: the estimate lacks a parameter or
+    /// the covariance.
     pub fn of_prior(prior: &Estimate, symbols: &[&str], columns: &[Vec<f64>]) -> Option<Self> {
         let parameters: Vec<&Parameter> =
             symbols.iter().map(|symbol| parameter(prior, symbol)).collect::<Option<_>>()?;
@@ -128,7 +129,7 @@ impl UncertaintySource {
         change
     }
 
-    /// Whether its effects have their places among so many observations and unknowns.
+    /// Whether its effects fit the given numbers of observations and unknowns.
     pub fn fits(&self, observations: usize, unknowns: usize) -> bool {
         let has_place = |draw| {
             let (first, values) = self.run(draw);
@@ -140,7 +141,7 @@ impl UncertaintySource {
             && rows.iter().all(|row| row.len() == unknowns)
     }
 
-    /// What scales its declared size, by the residuals.
+    /// Factor on its declared size, from the residuals.
     pub fn factor(&self, misfit: &Misfit) -> f64 {
         if self.in_residuals == InResiduals::Judged { misfit.factor } else { 1.0 }
     }
@@ -150,8 +151,8 @@ fn parameter<'a>(prior: &'a Estimate, symbol: &str) -> Option<&'a Parameter> {
     prior.parameters.iter().find(|parameter| parameter.symbol == symbol)
 }
 
-/// Covariance of the parameters `symbols` in internal units (mm, rad, mm/mm, s). `None`: the estimate lacks one of
-/// them or its covariance.
+/// Covariance of the parameters `symbols` in internal units (mm, rad, mm/mm, s). `None`: the estimate lacks a
+/// parameter or the covariance.
 pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> {
     let parameters: Vec<&Parameter> =
         symbols.iter().map(|symbol| parameter(prior, symbol)).collect::<Option<_>>()?;
@@ -177,9 +178,9 @@ fn combined(columns: &[Vec<f64>], coefficients: &[f64]) -> Vec<f64> {
     sum
 }
 
-/// Covariance, mm², of each of the first `blocks` blocks of `N` neighbouring observations, by the sources
-/// that enter the weights, without the correlation between blocks: the weights are its inverses.
-/// Observations after the last block are left out.
+/// Covariance, mm², of each of the first `blocks` blocks of `N` neighbouring observations, from the sources
+/// that enter the weights, without the correlation between blocks. The weights are the inverses. Observations
+/// after the last block are ignored.
 pub fn block_covariances<const N: usize>(
     sources: &[UncertaintySource],
     blocks: usize,

@@ -10,7 +10,7 @@ use super::outputs::Outputs;
 use super::source::{Effect, UncertaintySource};
 use crate::IdentifyError;
 
-/// Number of trials, and the seed of their streams: the same readings give the same bytes.
+/// Number of trials and the seed of their streams: the same readings give the same bytes.
 #[derive(Debug, Clone, Copy)]
 pub struct TrialPlan {
     pub seed: u64,
@@ -20,13 +20,13 @@ pub struct TrialPlan {
 /// A source prepared for drawing.
 struct DrawnSource<'a> {
     source: &'a UncertaintySource,
-    /// By the misfit.
+    /// Factor from the misfit.
     scale: f64,
     /// Index of its first draw among those of all sources.
     first: usize,
-    /// Draws × observations, of joint draws.
+    /// Draws × observations, for joint draws.
     joint: Mat<f64>,
-    /// Draws × values; no rows where a draw changes no unknown directly.
+    /// Draws × values; no rows if no draw changes an unknown directly.
     direct: Mat<f64>,
 }
 
@@ -49,8 +49,8 @@ impl<'a> DrawnSource<'a> {
         Self { source, scale: source.factor(misfit), first, joint, direct }
     }
 
-    /// Adds the effect of this source to the observations (trials × observations). `units`: trials ×
-    /// draws of all sources, by columns.
+    /// Adds the effect of this source to the observations (trials × observations). `units`: trials × draws of
+    /// all sources, column-major.
     fn add_to_observations(&self, units: &[f64], changes: &mut Mat<f64>) {
         let trials = changes.nrows();
         if let Effect::Joint(_) = &self.source.effect {
@@ -78,7 +78,7 @@ impl<'a> DrawnSource<'a> {
         }
     }
 
-    /// Trials × draws of this source.
+    /// The unit draws of this source, trials × draws.
     fn own_units<'u>(&self, units: &'u [f64], trials: usize) -> MatRef<'u, f64> {
         let draws = self.source.draws();
         let own = &units[self.first * trials..][..draws * trials];
@@ -86,15 +86,14 @@ impl<'a> DrawnSource<'a> {
     }
 }
 
-/// The longest row gives the columns; missing entries are zero.
+/// A matrix with as many columns as the longest row; missing entries are zero.
 fn by_rows(rows: &[Vec<f64>]) -> Mat<f64> {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     Mat::from_fn(rows.len(), columns, |i, j| rows[i].get(j).copied().unwrap_or(0.0))
 }
 
-/// Trials of all parameters in the order of the estimate, internal units. Each trial draws source after
-/// source in the order of the list, and in a source draw after draw; judged sources are scaled by
-/// `misfit`.
+/// Trials of all parameters in the order of the estimate, internal units. Each trial draws the sources in the
+/// order of the list, and within a source draw by draw. `misfit` scales the judged sources.
 ///
 /// # Errors
 /// Fewer than two trials.

@@ -1,20 +1,20 @@
-//! Sentences about the fit that every method writes alike.
+//! Sentences about the fit that are the same for all methods.
 
 use estimation::misfit::Misfit;
 
 use super::Identification;
 use super::likely::LikelySource;
 
-/// What a method adds to the sentence about its misfit.
+/// Method-specific parts of the sentence about its misfit.
 pub struct MisfitAdvice {
-    /// What may scatter more than declared.
+    /// Quantities that may scatter more than declared.
     pub causes: &'static str,
-    /// The settings that declare how much the measurements scatter.
+    /// The settings that declare the scatter of the measurements.
     pub declared_by: &'static str,
 }
 
 impl Identification {
-    /// The residuals are larger or smaller than the declared sources make them.
+    /// Warning if the residuals are larger or smaller than the declared sources explain.
     pub fn misfit_warning(&self, advice: &MisfitAdvice) -> Option<String> {
         let Misfit { above, below, factor, .. } = self.propagation.misfit;
         let (expectation, MisfitAdvice { causes, declared_by }) = (self.expectation(), advice);
@@ -35,7 +35,7 @@ impl Identification {
         above.then(more).or_else(|| below.then(less))
     }
 
-    /// Which sources, were they larger, would explain the residuals, the most likely first.
+    /// The sources that would explain the residuals if they were larger, the most likely first.
     fn likely_in_words(&self) -> String {
         let word = |source: &LikelySource| {
             format!("{}, {:.1} times as large as declared", source.name, source.factor)
@@ -48,7 +48,7 @@ impl Identification {
         }
     }
 
-    /// χ² and its mean where all is as declared.
+    /// χ² and its expectation for the declared sources, in words.
     fn expectation(&self) -> String {
         let Misfit { chi2, expected, .. } = self.propagation.misfit;
         let dof = self.figures.dof;
@@ -62,7 +62,7 @@ impl Identification {
         text
     }
 
-    /// First-order propagation and trials contradict each other.
+    /// Warning if first-order propagation and trials contradict each other.
     pub fn trials_warning(&self) -> Option<String> {
         let symbols = self.contradicted();
         (!symbols.is_empty()).then(|| {

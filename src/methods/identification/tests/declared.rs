@@ -1,4 +1,4 @@
-//! Declared sources against the declarations of a plan.
+//! Comparison of the declared sources with the declarations of a plan.
 
 use machine::Axis;
 use machine::record::plan::Plan;
@@ -28,7 +28,7 @@ fn plan() -> Plan {
     .unwrap()
 }
 
-/// Σ of the squares of the patterns' entries at a contact and the products between two.
+/// Covariance of two contacts: Σ of the products of the pattern entries; with i = j, the variance.
 fn covariance(patterns: &[Vec<f64>], i: usize, j: usize) -> f64 {
     patterns.iter().map(|pattern| pattern[i] * pattern[j]).sum()
 }
@@ -46,8 +46,8 @@ fn regress_sizes_are_the_declared_ones() {
     assert_near(drift_mm_per_s(&plan), 2e-6, 1e-20);
 }
 
-/// The declared variance at each azimuth, nothing at the pole, and correlation by the mean of the
-/// cosines between two contacts.
+/// The variance is the declared one at each azimuth and zero at the pole. The correlation between two
+/// contacts is the mean of the cosines.
 #[test]
 fn regress_lobing_has_the_declared_variance_everywhere() {
     let at = |turns: f64| {
@@ -64,12 +64,13 @@ fn regress_lobing_has_the_declared_variance_everywhere() {
     assert_near(covariance(&patterns, 4, 4), 0.36 * 0.25e-6, 1e-18);
     let cosines: f64 = (2..=6).map(|n| (f64::from(n) * 0.1 * std::f64::consts::TAU).cos()).sum();
     assert_near(covariance(&patterns, 0, 1), 0.25e-6 * cosines / 5.0, 1e-18);
-    // Cosine before sine: the first of each pair is greatest along X.
+    // Cosine comes before sine: the first pattern of each pair is largest along X.
     assert!(patterns.iter().step_by(2).all(|p| p[0] > 0.0));
     assert!(patterns.iter().skip(1).step_by(2).all(|p| p[0].abs() < 1e-18));
 }
 
-/// f(x) − f(0) of covariance σ²·exp(−Δ²/2ℓ²), of X alone: Y declares none, Z is not there.
+/// f(x) − f(0) has the covariance of σ²·exp(−Δ²/2ℓ²), for X only: Y declares no error motion, and Z does not
+/// exist.
 #[test]
 fn regress_linear_motions_have_the_declared_covariance() {
     let points = [0.0, 30.0, -80.0].map(|x| Vector3::new(x, 17.0, 5.0));
@@ -83,7 +84,8 @@ fn regress_linear_motions_have_the_declared_covariance() {
     }
 }
 
-/// Of C alone: four harmonics, cosine and sine, along X, Y and Z; at each angle the declared variance.
+/// Motions of C only: four harmonics, cosine and sine, along X, Y and Z, with the declared variance at each
+/// angle.
 #[test]
 fn regress_rotary_motions_share_the_declared_variance() {
     let mut plan = plan();
@@ -92,13 +94,13 @@ fn regress_rotary_motions_share_the_declared_variance() {
     assert_eq!(motions.len(), 4 * 2 * 3);
     assert!(motions.iter().all(|motion| motion.error.axis() == Axis::C));
     let total: f64 = motions.iter().map(|motion| motion.size_mm.powi(2)).sum();
-    // Cosine and sine of an angle have squares that sum to one.
+    // The squares of cosine and sine of an angle sum to one.
     assert_near(total / 2.0, 3.0 * 1e-6, 1e-18);
     let symbols: Vec<String> = motions[..4].iter().map(|motion| motion.error.to_string()).collect();
     assert_eq!(symbols, ["EXC_cos2", "EYC_cos2", "EZC_cos2", "EXC_sin2"]);
 }
 
-/// Any order may have all of a total whose orders are not declared.
+/// If the orders are not declared, each order gets the whole total.
 #[test]
 fn each_order_that_is_not_declared_counts_with_the_whole() {
     let mut plan = plan();

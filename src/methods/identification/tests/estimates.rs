@@ -33,15 +33,15 @@ fn regress_a_source_of_another_size_is_refused_by_its_name() {
     assert!(identify(&solution, &[direct(vec![one(); 4])], Outputs::default(), None).is_ok());
 }
 
-/// |x| of an x around zero: half-normal.
+/// |x| of an x around zero has a half-normal distribution.
 fn magnitude() -> NonlinearOutputs {
     let values = |x: MatRef<'_, f64>| Mat::from_fn(x.nrows(), 1, |trial, _| x[(trial, 0)].abs());
     let output = Output { symbol: "size".into(), unit: Unit::Um, value: 0.0, slope: None };
     NonlinearOutputs { outputs: vec![output], values: Box::new(values) }
 }
 
-/// A mean of four readings of u = 2 µm: u = 1 µm, in µm and as an angle over 500 mm; its magnitude has
-/// the standard deviation √(1 − 2/π).
+/// A mean of four readings of u = 2 µm has u = 1 µm, also as an angle over 500 mm. Its magnitude has the
+/// standard deviation √(1 − 2/π).
 #[test]
 fn regress_an_estimate_by_hand() {
     let mean = Mean::of(&[2e-3, -2e-3, 1e-3, -1e-3]);
@@ -85,14 +85,14 @@ fn regress_an_estimate_by_hand() {
     assert_near(estimate.covariance.rows[1][1], 4.0, 1e-9);
     assert_eq!(estimate.functions[0].y, [4.0, -8.0]);
     assert_near(estimate.functions[0].u[1], 2.0, 1e-9);
-    // χ² is 10 of weights 1 against an expectation of 3·4, both µm².
+    // χ² is 10 with weights of 1; the expectation is 3·4, both in µm².
     assert_near(estimate.chi2_per_dof, 10.0 / 12.0, 1e-9);
     assert_eq!((estimate.degrees_of_freedom, estimate.rank), (3, 1));
     assert_near(identified.uncertainty(1).unwrap().u, 2e-6, 1e-15);
     assert!(identified.uncertainty(3).is_none());
 }
 
-/// A nonlinear output alone, as a largest deviation; without trials it has no uncertainty.
+/// A nonlinear output alone, such as a largest deviation, has no uncertainty without trials.
 #[test]
 fn regress_an_estimate_without_linear_parameters() {
     let mean = Mean::of(&[0.0, 0.0]);
@@ -105,7 +105,7 @@ fn regress_an_estimate_without_linear_parameters() {
     assert!(identified.contradicted().is_empty());
 }
 
-/// A u that is stated ten times too small.
+/// A stated u that is ten times too small.
 #[test]
 fn regress_trials_contradict_a_wrong_slope() {
     let mean = Mean::of(&[0.0]);

@@ -1,4 +1,4 @@
-//! Error motions of earlier estimates: which are taken, which are refused, and their uncertainty.
+//! Error motions of earlier estimates: which are accepted, which are refused, and their uncertainty.
 
 use machine::Axis;
 use machine::record::estimate::Estimate;
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::assert_near;
 use crate::identification::{Effect, KnownMotions};
 
-/// Over a revolution in steps of 45°: EXC is 2·cos 2C − 1 µm with u = 0.5 µm at each point.
+/// A function over a revolution in steps of 45°: EXC is 2·cos 2C − 1 µm with u = 0.5 µm at each point.
 fn function(symbol: &str, axis: &str, unit: &str) -> Value {
     let x: Vec<f64> = (0..=8).map(|i| 45.0 * f64::from(i)).collect();
     let y: Vec<f64> = x.iter().map(|deg| 2.0 * (2.0 * deg.to_radians()).cos() - 1.0).collect();
@@ -25,7 +25,7 @@ fn estimate(functions: &[Value]) -> Estimate {
     .unwrap()
 }
 
-/// With the coefficients 2, 0.5 µm of order 2, of u = 0.3 and 0.4 µm.
+/// An estimate with the coefficients 2 and 0.5 µm of order 2, of u = 0.3 and 0.4 µm.
 fn with_coefficients() -> Estimate {
     let parameter = |symbol: &str, value: f64, u: f64| {
         json!({"symbol": symbol, "value": value, "unit": "um", "u": u, "U": 2.0 * u, "k": 2.0,
@@ -44,7 +44,7 @@ fn value_mm(known: &KnownMotions<'_>, degrees: f64) -> f64 {
     known.errors(angle).iter().map(|term| term.value * term.parameter.factor(angle)).sum()
 }
 
-/// The draws of the only source, at one observation each.
+/// The draws of the only source, for one observation per angle.
 fn draws(known: &KnownMotions<'_>, degrees: &[f64]) -> Vec<Vec<f64>> {
     let angles: Vec<f64> = degrees.iter().map(|deg| deg.to_radians()).collect();
     let sources = known.sources(&angles, |_| vec![-1.0; angles.len()]);
@@ -73,7 +73,7 @@ fn coefficients_with_their_covariance_come_before_points() {
     assert_eq!(known.in_words(), [words]);
 }
 
-/// The mean is taken off; u is the same draw at all angles.
+/// The mean is subtracted; u is the same draw at all angles.
 #[test]
 fn points_are_linear_between_and_fully_correlated() {
     let mut without_covariance = with_coefficients();

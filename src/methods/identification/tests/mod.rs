@@ -1,4 +1,4 @@
-//! The core against hand calculation, closed forms and published examples.
+//! Tests of the core against hand calculation, closed forms and published examples.
 
 mod declared;
 mod estimates;
@@ -13,7 +13,7 @@ use faer::Mat;
 
 use super::{FitFigures, LinearFit, ObservationModel, Solution};
 
-/// The mean of observations of one quantity: x = Σy/n, all of standard uncertainty 1.
+/// The mean of observations of one quantity: x = Σy/n; each observation has standard uncertainty 1.
 pub struct Mean {
     x: Vec<f64>,
     a: Mat<f64>,

@@ -1,10 +1,10 @@
-//! Measurements that are far from all others.
+//! Detection of outliers.
 
 use super::{Mean, assert_near};
 use crate::identification::outliers::{RowResiduals, are_alike};
 use crate::identification::{Effect, Measurement, Outputs, Solution, UncertaintySource, identify};
 
-/// Readings of one quantity, each a measurement, of 1 mm standard uncertainty.
+/// Readings of one quantity; each is a measurement of 1 mm standard uncertainty.
 fn checked(readings: &[f64], is_declared: bool, rows: usize) -> Vec<(String, f64)> {
     let mean = Mean::of(readings);
     let fit = mean.fit();
@@ -25,7 +25,7 @@ fn checked(readings: &[f64], is_declared: bool, rows: usize) -> Vec<(String, f64
 
 const READINGS: [f64; 8] = [10.2, 9.7, 10.1, 9.9, 10.4, 9.8, 10.0, 14.0];
 
-/// Mean, scatter and prediction without the far one are made by leaving it out.
+/// Mean, scatter and prediction are computed without the suspect reading.
 #[test]
 fn a_reading_is_compared_with_all_others() {
     let others = &READINGS[..7];
@@ -36,13 +36,14 @@ fn a_reading_is_compared_with_all_others() {
     let [(label, t)] = &found[..] else { panic!("{found:?}") };
     assert_eq!(label, "7");
     assert_near(*t, expected, 1e-9);
-    // The others scatter less than declared, and 4 is not far beside 1.
+    // The others scatter less than declared, and a deviation of 4 is not significant for a standard
+    // uncertainty of 1.
     assert!(checked(&READINGS, true, 1).is_empty());
     let pairs = checked(&READINGS, false, 2);
     assert_eq!((pairs.len(), &*pairs[0].0), (1, "3"));
 }
 
-/// Tables of Student's t (ν = 19) and of F (3 and 20 degrees of freedom) at 0.1 %.
+/// Limits from tables of Student's t (ν = 19) and of F (3 and 20 degrees of freedom) at 0.1 %.
 #[test]
 fn limits_are_those_of_tables() {
     let rows = RowResiduals {
@@ -57,7 +58,7 @@ fn limits_are_those_of_tables() {
     assert_near(three.limit(0..3, 1e-3).unwrap().powi(2) / 3.0, 8.10, 5e-3);
 }
 
-/// A row that is explained by itself is not checked, and without degrees of freedom nothing is.
+/// A row that explains only itself is not checked; without degrees of freedom no row is checked.
 #[test]
 fn what_no_other_row_checks_is_not_judged() {
     let rows = |dof| RowResiduals {
@@ -70,7 +71,7 @@ fn what_no_other_row_checks_is_not_judged() {
     assert!(rows(20.0).limit(0..1, 1e-3).is_some() && rows(1.5).limit(0..1, 1e-3).is_none());
     assert!(rows(20.0).limit(3..4, 1e-3).is_none());
     assert_eq!(rows(20.0).studentised(3..4), 0.0);
-    // Of the three rows of a place the two that are checked count.
+    // Of the three rows of a point only the two that are checked count.
     assert_eq!(rows(20.0).limit(1..4, 1e-3), rows(20.0).limit(0..2, 1e-3));
 }
 

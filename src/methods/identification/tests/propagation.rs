@@ -10,7 +10,7 @@ use crate::identification::{
     ObservationRun, Propagation, UncertaintySource,
 };
 
-/// Mean of two readings. 0.3 and 0.4 of each alone: 0.25·(0.09 + 0.16) = 0.25²; 0.5 of both: 0.5².
+/// Mean of two readings. Independent 0.3 and 0.4: 0.25·(0.09 + 0.16) = 0.25²; common 0.5: 0.5².
 #[test]
 fn regress_two_inputs_by_hand() {
     let mean = Mean::of(&[1.0, 3.0]);
@@ -18,7 +18,7 @@ fn regress_two_inputs_by_hand() {
     let both = UncertaintySource::new("both", Effect::Joint(vec![vec![0.5, 0.5]]));
     let sources = [UncertaintySource::new("each", Effect::Each(vec![0.3, 0.4])), both];
     let propagation = Propagation::new(&mean.solution(&fit, true), &sources);
-    // χ² = 2 against 0.5·(0.3² + 0.4²) = 0.125: above, and both sources are scaled by 4.
+    // χ² = 2 is above the expectation 0.5·(0.3² + 0.4²) = 0.125, and both sources are scaled by 4.
     assert_near(propagation.misfit.expected, 0.125, 1e-15);
     assert_near(propagation.misfit.factor, 4.0, 1e-12);
     let found = propagation.uncertainty(&[2.0]);
@@ -32,8 +32,8 @@ fn regress_two_inputs_by_hand() {
     assert_near(propagation.covariance(&slopes)[(0, 1)], -2.0 * 16.0 * 0.3125, 1e-11);
 }
 
-/// JCGM 100, 4.2.3: without a declaration the mean of n readings has u = s/√n and n − 1 degrees of
-/// freedom. A certificate of u = 3 with 8 degrees of freedom joins them by equation G.2b.
+/// JCGM 100, 4.2.3: without a declaration the mean of n readings has u = s/√n and n − 1 degrees of freedom. A
+/// certificate of u = 3 with 8 degrees of freedom is combined with it by equation G.2b.
 #[test]
 fn paper_gum_mean_of_repeated_readings() {
     let mean = Mean::of(&[-5.0, -3.0, -1.0, 1.0, 3.0, 5.0]);
@@ -61,7 +61,7 @@ fn paper_gum_mean_of_repeated_readings() {
     assert_near(both.dof.unwrap(), dof, 1e-9);
 }
 
-/// Sizes that the residuals do not scale: infinitely many degrees of freedom, and k = 2.
+/// Sizes that the residuals do not scale have infinitely many degrees of freedom, and k = 2.
 #[test]
 fn regress_declared_sizes_stand_where_residuals_agree() {
     let mean = Mean::of(&[0.5, -0.5, 1.0, -1.0]);
@@ -69,7 +69,7 @@ fn regress_declared_sizes_stand_where_residuals_agree() {
     let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0; 4]))];
     let found = Propagation::new(&mean.solution(&fit, true), &sources).uncertainty(&[1.0]);
     assert_eq!((found.u, found.dof, found.expanded()), (0.5, None, 1.0));
-    // As many rows as unknowns judge nothing, not even undeclared sizes.
+    // With as many unknowns as rows the residuals scale nothing, not even undeclared sizes.
     let single = Mean::of(&[7.0]);
     let fit = single.fit();
     let sources = [UncertaintySource::new("each", Effect::Each(vec![1.0]))];
@@ -96,7 +96,7 @@ fn regress_effects_of_the_same_draws_agree() {
     assert_eq!(propagated(runs, InResiduals::Absent).misfit.expected, 0.0);
 }
 
-/// y_i = exp(x·t_i), a curved model of one unknown, at standard uncertainty `SIGMA`.
+/// y_i = exp(x·t_i), a nonlinear model of one unknown with standard uncertainty `SIGMA`.
 pub struct Growth {
     pub readings: Vec<f64>,
 }
@@ -138,7 +138,7 @@ pub fn growth() -> Growth {
     Growth { readings: TIMES.map(|t| (0.3 * t).exp()).to_vec() }
 }
 
-/// The response is the derivative of complete solutions of changed readings, sign included.
+/// The response equals the derivative of full solutions of changed readings, including the sign.
 #[test]
 fn regress_response_is_the_derivative_of_the_solution() {
     let equation = growth();
@@ -158,7 +158,7 @@ fn regress_response_is_the_derivative_of_the_solution() {
     }
 }
 
-/// Readings of an unknown that is greater by a step: the error of the near solution is of third order.
+/// Readings for an unknown that is larger by a step: the error of the near solution is of third order.
 #[test]
 fn regress_near_solution_is_right_to_second_order() {
     let equation = growth();
@@ -173,8 +173,8 @@ fn regress_near_solution_is_right_to_second_order() {
     assert!(error(0.01) < 1e-5);
 }
 
-/// A draw that shifts the unknown by the observations and back directly has no effect: its sign is that
-/// of measured less model in dense and in blockwise fits.
+/// A draw that shifts the unknown by the observations and directly by the opposite amount has no effect. Its
+/// sign is that of measured minus model in dense and in blockwise fits.
 #[test]
 fn regress_opposite_effects_of_a_draw_cancel() {
     let mean = Mean::of(&[0.1, 0.2, 0.3]);

@@ -13,7 +13,7 @@ fn run(first: usize, values: &[f64]) -> ObservationRun {
     ObservationRun { first, values: values.to_vec() }
 }
 
-/// Two blocks of two observations and one observation more, by hand.
+/// Hand calculation with two blocks of two observations and one more observation.
 #[test]
 fn regress_block_covariances_by_hand() {
     let sources = [
@@ -50,8 +50,8 @@ fn regress_draws_as_changes_of_all_observations() {
     assert!(!zero.is_zero());
 }
 
-/// Two parameters that an estimate publishes in µm and µrad act again with the covariance that they had
-/// in mm and rad.
+/// Two parameters that an estimate publishes in µm and µrad enter with the same covariance that they had in
+/// mm and rad.
 #[test]
 fn regress_prior_has_the_covariance_of_its_estimate() {
     let mean = Mean::of(&[1.0, 2.0]);

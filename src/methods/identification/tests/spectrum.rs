@@ -1,4 +1,4 @@
-//! Amplitudes by hand.
+//! Amplitudes, compared with hand calculation.
 
 use faer::Mat;
 use machine::record::estimate::{FigureKind, Unit};
@@ -8,7 +8,7 @@ use crate::identification::{
     Effect, Harmonic, HarmonicFunction, LinearFit, Outputs, UncertaintySource, identify, unit_slope,
 };
 
-/// Two unknowns that are observed directly: 3 µm and 4 µm with u of 1 µm and 2 µm.
+/// Two unknowns that are observed directly: 3 µm and 4 µm, with u of 1 µm and 2 µm.
 #[test]
 fn regress_amplitudes_by_hand() {
     let x = [3e-3, 4e-3];
@@ -24,9 +24,9 @@ fn regress_amplitudes_by_hand() {
         symbol: "EXC".to_owned(),
         unit: Unit::Um,
         harmonics: vec![
-            // Independent parts: 5 µm, and at most the u of the sine part.
+            // Independent parts: amplitude 5 µm; its u is at most the u of the sine part.
             harmonic(2.0, &first, &second),
-            // Equal parts: u of 1 µm along both, √2 µm along 45°.
+            // Equal parts: u is 1 µm along both, √2 µm along 45°.
             harmonic(5.0, &first, &first),
             harmonic(0.5, &[0.0; 2], &first),
         ],
@@ -38,7 +38,7 @@ fn regress_amplitudes_by_hand() {
         assert_near(*y, amplitude, 1e-9);
         assert_near(*u, expected, 1e-9);
     }
-    // An amplitude of zero: the phase is unknown, u is that of a part.
+    // An amplitude of zero: the phase is unknown, and u is that of one part.
     let zero = identified.spectrum(&spectrum, &[0.0; 2]);
     assert_near(zero.y[1], 0.0, 1e-9);
     assert_near(zero.u[1], 2.0, 1e-9);

@@ -38,8 +38,8 @@ fn sum_of_four(sources: &[UncertaintySource]) -> Summary {
     run(&fit, sources, &[&[1.0]])
 }
 
-/// JCGM 101, 9.2.2 and 9.2.3: four normal or four rectangular quantities of u = 1 sum to u = 2. The
-/// interval of 95.45 % is ±4 where they are normal; that of the rectangles is shorter.
+/// JCGM 101, 9.2.2 and 9.2.3: four normal or four rectangular quantities of u = 1 sum to u = 2. The interval
+/// of 95.45 % is ±4 for normal quantities; it is shorter for rectangular ones.
 #[test]
 fn paper_jcgm_101_additive_model() {
     let each = UncertaintySource::new("each", Effect::Each(vec![1.0; 4]));
@@ -50,11 +50,11 @@ fn paper_jcgm_101_additive_model() {
         assert_near(found.standard_deviation[0], 2.0, 2.0 * 4.0 / (2.0 * TRIALS as f64).sqrt());
     }
     assert_near(normal.interval[0][1], 4.0, 0.05);
-    // JCGM 101, table 3: [-3.88, 3.88] at 95 %, and ±2·√12 bounds it.
+    // JCGM 101, table 3: [-3.88, 3.88] at 95 %; ±2·√12 is the upper bound.
     assert!((3.88..3.99).contains(&rectangular.interval[0][1]), "{:?}", rectangular.interval);
 }
 
-/// Two unknowns from three rows; standard deviations by hand, and their difference.
+/// Two unknowns from three rows: their standard deviations and that of their difference, by hand.
 #[test]
 fn regress_linear_fit_against_propagation_by_hand() {
     let gain = Mat::from_fn(2, 3, |i, j| [[0.5, 0.5, 0.0], [1.0, 0.0, -2.0]][i][j]);
@@ -75,8 +75,8 @@ fn regress_linear_fit_against_propagation_by_hand() {
     assert_eq!(single.standard_deviation[0], found.standard_deviation[0]);
 }
 
-/// Sources follow each other in the stream: the same draws as runs, as columns and of each observation
-/// give the same trials.
+/// Sources follow each other in the random stream: the same draws as runs, as columns and as single
+/// observations give the same trials.
 #[test]
 fn regress_effects_of_the_same_draws_give_the_same_trials() {
     let mean = Mean::of(&[0.0; 3]);
@@ -102,7 +102,7 @@ fn regress_effects_of_the_same_draws_give_the_same_trials() {
     }
 }
 
-/// The residuals scale the judged source alone.
+/// The residuals scale only the judged source.
 #[test]
 fn regress_misfit_scales_judged_sources() {
     let mean = Mean::of(&[0.0]);
@@ -116,7 +116,7 @@ fn regress_misfit_scales_judged_sources() {
     }
 }
 
-/// A draw that shifts the unknown by the observations and back directly changes no trial.
+/// A draw that shifts the unknown by the observations and directly by the opposite amount changes no trial.
 #[test]
 fn regress_opposite_effects_of_a_draw_cancel_in_trials() {
     let mean = Mean::of(&[1.0, 2.0, 3.0]);
@@ -132,7 +132,7 @@ fn regress_opposite_effects_of_a_draw_cancel_in_trials() {
     assert_near(found.standard_deviation[0] / variance.sqrt(), 1.0, 0.007);
 }
 
-/// A curved model: the mean of the trials is shifted to second order.
+/// With a nonlinear model the mean of the trials is shifted to second order.
 #[test]
 fn regress_trials_follow_the_curvature() {
     let equation = growth();
