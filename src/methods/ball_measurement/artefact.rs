@@ -1,16 +1,17 @@
-//! Whether an artefact is enough for the method, asked before the first move.
+//! Check that an artefact is sufficient for the method, before the first motion.
 
 use crate::Refused;
 use machine::artefact::{Entry, check};
 use machine::record::artefact::{Artefact, Balls};
 
-/// With fewer the machine's errors cannot be told from those of the places of the balls.
+/// Minimum number of balls. With fewer the errors of the machine cannot be separated from the positions of
+/// the balls.
 const LEAST_BALLS: usize = 3;
 
 /// The balls of the artefact, for `method`.
 ///
 /// # Errors
-/// No balls, fewer than three, balls or lengths that cannot be as they are stated ([`check`]).
+/// The artefact has no balls or fewer than three; stated balls or lengths are inconsistent ([`check`]).
 pub fn balls<'a>(method: &str, artefact: &'a Artefact) -> Result<&'a Balls, Refused> {
     let Artefact::Balls(set) = artefact else {
         return refuse(

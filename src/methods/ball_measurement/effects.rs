@@ -1,4 +1,4 @@
-//! Changes of the observations X, Y, Z of each measurement (machine frame, mm) in the form of the core.
+//! Changes of the observations X, Y, Z of each measurement (machine frame, mm) as effects of sources.
 
 use nalgebra::Vector3;
 
@@ -11,12 +11,12 @@ pub fn shifts(centres: &[BallCentre], shift: impl FnMut(&BallCentre) -> Vector3<
     shifts.into_flattened()
 }
 
-/// Joint draws, without those that change nothing.
+/// An effect of joint draws, without columns that are zero.
 pub fn nonzero_columns(columns: impl IntoIterator<Item = Vec<f64>>) -> Effect {
     Effect::Joint(columns.into_iter().filter(|column| !is_zero(column)).collect())
 }
 
-/// One draw a run, without those that change nothing.
+/// An effect with one draw per run, without runs that are zero.
 pub fn nonzero_runs(runs: impl Iterator<Item = ObservationRun>) -> Effect {
     Effect::Runs(runs.filter(|run| !is_zero(&run.values)).collect())
 }

@@ -1,7 +1,7 @@
-//! Where the rotary axes and the spindle may stand: the candidates of the design.
+//! Possible positions of the rotary axes and the spindle: the candidates of the design.
 //!
-//! An indexation is a [`Position`] that names every rotary axis of the machine, and S where the
-//! spindle turns with the design.
+//! An indexation is a [`Position`] that names every rotary axis of the machine, and also S if the spindle
+//! turns in the design.
 
 use std::f64::consts::TAU;
 
@@ -13,48 +13,48 @@ use machine::kinematics::Chain;
 use machine::record::machine::{AxisSpec, Machine};
 use machine::{Axis, Position};
 
-/// Cosine from which on an axis counts as parallel to the spindle's.
+/// Minimum cosine for an axis to count as parallel to the spindle.
 const PARALLEL: f64 = 0.9;
-/// Two positions of one axis nearer than this, or than this from whole turns apart, are the same.
+/// Angle below which two positions of one axis are the same, apart from whole turns, rad.
 const SAME_RAD: f64 = 1e-6;
-/// Slack of a limit, so that 90° is within [-90, 90], rad.
+/// Tolerance at the limits of an axis, so that 90° is within [-90, 90], rad.
 const SLACK_RAD: f64 = 1e-9;
 
-/// One axis of the design and the places where it may stand, rad.
+/// One axis of the design and its possible positions, rad.
 struct Grid {
     axis: Axis,
     at: Vec<f64>,
 }
 
-/// Change of the spindle's direction over one radian that an axis about it does not make.
+/// Minimum change of the Z component of a direction, over one radian of an axis, that counts as a tilt.
 const LEANS: f64 = 1e-6;
 
 /// Positions of one kind of axis that the settings name, degrees.
 #[derive(Debug, Clone, Copy)]
 pub struct NamedPositions<'a> {
-    /// The key in the settings.
+    /// Key in the settings.
     pub key: &'static str,
     pub degrees: &'a [f64],
-    /// The defaults are cut to what the axis reaches.
+    /// Whether the positions are the defaults, which are restricted to the limits of the axis.
     pub is_default: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
 pub struct RotaryPositions<'a> {
-    /// Of rotary axes that tilt the part.
+    /// Positions of rotary axes that tilt the workpiece.
     pub tilt: NamedPositions<'a>,
-    /// Of a rotary axis parallel to the spindle.
+    /// Positions of a rotary axis parallel to the spindle.
     pub turn: NamedPositions<'a>,
-    /// Of the axis S; `None`: the spindle stays as it is.
+    /// Positions of the axis S; `None`: the spindle is not turned.
     pub spindle: Option<NamedPositions<'a>>,
 }
 
-/// All combinations of the positions that are named, as far as the axes reach them, counted as the axis is
-/// commanded. An axis that tilts the spindle stays at 0.
+/// All combinations of the named positions that are within the limits, as commanded positions. An axis that
+/// tilts the spindle stays at 0.
 ///
 /// # Errors
-/// No rotary axis; a position that the settings name and the axis cannot reach (the defaults are cut
-/// to what it reaches); a spindle that cannot stand upright.
+/// The machine has no rotary axis; the settings name a position outside the limits of an axis (defaults are
+/// restricted to the limits); the spindle cannot be upright.
 pub fn indexations(
     method: &str,
     machine: &Machine,
@@ -75,7 +75,8 @@ pub fn indexations(
             instead: "describe the rotary axes in [axes] and in the topology".to_owned(),
         });
     }
-    // The axis that turns farthest is the innermost: it sweeps while the others stand.
+    // The axis parallel to the spindle is the innermost: it sweeps through its positions while the others are
+    // fixed.
     grids.sort_by_key(|grid| grid.at.len() > 1 && is_parallel(grid.axis, machine));
     if let (Some(named), Some(spec)) = (&named.spindle, machine.axes.get(&Axis::S)) {
         grids.push(grid(Axis::S, spec, named)?);
@@ -83,26 +84,26 @@ pub fn indexations(
     Ok(grids.iter().fold(vec![Position::new()], |places, grid| product(&places, grid)))
 }
 
-/// Whether the spindle leans over as the axis turns: one of the head, and not parallel to the spindle.
+/// Whether the axis tilts the spindle: an axis of the head that is not parallel to the spindle.
 pub fn tilts_spindle(chain: &Chain, axis: Axis) -> bool {
     let upright = |position: &Position| chain.machine_from_spindle(position, &[]).rotation[(2, 2)];
     let turned = Position::new().with(axis, 1.0);
     !axis.is_linear() && upright(&turned) < upright(&Position::new()) - LEANS
 }
 
-/// Whether the table leans over as the axis turns.
+/// Whether the axis tilts the table.
 pub fn tilts_table(chain: &Chain, axis: Axis) -> bool {
     let upright = |position: &Position| chain.machine_from_table(position, &[]).rotation[(2, 2)];
     !axis.is_linear()
         && upright(&Position::new().with(axis, 1.0)) < upright(&Position::new()) - LEANS
 }
 
-/// A rotary axis that moves table or head; the spindle is not one.
+/// Whether the axis is rotary and moves the table or the head; the spindle does not count.
 pub fn is_rotary(axis: Axis) -> bool {
     !axis.is_linear() && axis != Axis::S
 }
 
-/// Whether the rotary axis turns about the spindle's direction, all axes at zero.
+/// Whether the rotary axis turns about the direction of the spindle, with all axes at zero.
 pub fn is_parallel(axis: Axis, machine: &Machine) -> bool {
     let stated = machine.axes.get(&axis).map(|spec| Vector3::from(spec.direction));
     let unit = stated.and_then(unit_vector);
@@ -145,7 +146,7 @@ fn grid(axis: Axis, spec: &AxisSpec, named: &NamedPositions<'_>) -> Result<Grid,
     Ok(Grid { axis, at })
 }
 
-/// The one position of an axis that tilts the spindle.
+/// The only position, 0, of an axis that tilts the spindle.
 fn upright(axis: Axis, spec: &AxisSpec) -> Result<Grid, Refused> {
     let at = reached(axis, spec, 0.0).ok_or_else(|| Refused {
         why: format!(
@@ -168,7 +169,7 @@ fn outside(axis: Axis, spec: &AxisSpec, degree: f64, key: &str) -> Refused {
     }
 }
 
-/// The command for an angle within the limits: as stated, or a whole turn less or more.
+/// The command for an angle within the limits: the angle itself, or one whole turn less or more.
 fn reached(axis: Axis, spec: &AxisSpec, degree: f64) -> Option<f64> {
     let (min, max) = (axis.from_edge(spec.min), axis.from_edge(spec.max));
     let wanted = axis.from_edge(degree);
@@ -178,7 +179,7 @@ fn reached(axis: Axis, spec: &AxisSpec, degree: f64) -> Option<f64> {
         .find(|at| (min - SLACK_RAD..=max + SLACK_RAD).contains(at))
 }
 
-/// The same but for whole turns.
+/// Whether two angles are the same apart from whole turns, rad.
 pub fn is_same(one: f64, other: f64) -> bool {
     let turns = (one - other) / TAU;
     (turns - turns.round()).abs() * TAU < SAME_RAD

@@ -1,4 +1,4 @@
-//! A step of the machine where the measurement was interrupted.
+//! Steps of the machine at interruptions of the measurement.
 
 use nalgebra::Vector3;
 
@@ -10,14 +10,14 @@ use crate::identification::declared::{display_step_mm, drift_mm_per_s, repeatabi
 use machine::Axis;
 use machine::record::plan::Plan;
 
-/// All that was measured after an interruption may lie apart from what was measured before, in X, Y and
-/// Z, by as much as the references that were measured again are allowed to. That whole limit counts as standard
-/// uncertainty: nobody knows how steps spread, and one near the limit in all three axes is still covered.
+/// Measurements after an interruption may be shifted against those before it in X, Y and Z, by at most the
+/// limit of the reference check. The whole limit counts as standard uncertainty: the distribution of the
+/// steps is unknown, and a step near the limit in all three axes is still covered.
 pub fn steps(plan: &Plan, centres: &[BallCentre]) -> Effect {
     nonzero_columns(plan.gaps_s.iter().flat_map(|gap_s| at(plan, centres, *gap_s)))
 }
 
-/// None, unless something was measured on either side.
+/// Columns of the step at one interruption; none unless there are measurements before and after it.
 fn at(plan: &Plan, centres: &[BallCentre], gap_s: f64) -> Vec<Vec<f64>> {
     let times = || centres.iter().map(|centre| centre.t_s);
     let before = times().filter(|t_s| *t_s <= gap_s).reduce(f64::max);
@@ -33,7 +33,7 @@ fn at(plan: &Plan, centres: &[BallCentre], gap_s: f64) -> Vec<Vec<f64>> {
     Axis::LINEAR.into_iter().map(step).collect()
 }
 
-/// Of a reference that is touched along the axis, mm.
+/// Limit of a reference that is touched along the axis, mm.
 fn limit(plan: &Plan, axis: Axis, t_s: [f64; 2]) -> f64 {
     let pair = Pair {
         label: String::new(),

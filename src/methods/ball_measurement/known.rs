@@ -1,4 +1,4 @@
-//! Where the balls were found so far, by the nominal machine.
+//! Positions of the balls that were found so far, from the nominal machine.
 
 use std::collections::BTreeMap;
 
@@ -11,13 +11,13 @@ use machine::record::plan::{REPEAT_AFTER_STOP, Step};
 use machine::record::reading::Reading;
 use planning::{BallDoubt, MeasuredBall, measured_ball};
 
-/// What was found of each ball: the visit and the centre, table frame, the newest last.
+/// Found positions of each ball: visit and centre, table frame, mm, the newest last.
 #[derive(Debug, Default)]
 pub struct Known {
     found: Vec<Vec<(usize, Vector3<f64>)>>,
 }
 
-/// One measurement of a ball: its steps and the newest readings of them.
+/// One measurement of a ball: its steps and their newest readings.
 pub struct Taken<'a> {
     pub label: Label,
     /// Index of the ball.
@@ -27,7 +27,7 @@ pub struct Taken<'a> {
 }
 
 impl Known {
-    /// Of the plan's steps and their readings; incomplete measurements do not count.
+    /// Positions from the plan's steps and their readings; incomplete measurements are ignored.
     pub fn of(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Self {
         Self::of_taken(setup, &taken(setup, readings))
     }
@@ -38,7 +38,7 @@ impl Known {
     ) -> Self {
         let mut found = vec![Vec::new(); setup.balls.balls.len()];
         for taken in all {
-            // These repeat a visit; what was found at it stands already.
+            // These passes repeat a visit whose result is already stored.
             if matches!(taken.label.pass, Pass::Reference | Pass::Watch) {
                 continue;
             }
@@ -51,7 +51,7 @@ impl Known {
         Self { found }
     }
 
-    /// As if everything in the plan had been found where it is stated.
+    /// Positions as if every ball in the plan had been found at its stated position.
     pub fn nominal(setup: &MeasurementSetup<'_>) -> Self {
         let mut found = vec![Vec::new(); setup.balls.balls.len()];
         for label in setup.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok()) {
@@ -69,8 +69,9 @@ impl Known {
         self.found.iter().all(|centres| !centres.is_empty())
     }
 
-    /// Where a ball is expected at a visit: as found there, as last found elsewhere. Until all are found,
-    /// as stated: ways and proof can look at one artefact only, and that is the stated one then.
+    /// Expected position of a ball at a visit: as found at this visit, or as last found at another one. Until
+    /// all balls are found, the stated position is used: path planning and proof can use only one artefact,
+    /// which is the stated one until then.
     pub fn centre(&self, setup: &MeasurementSetup<'_>, ball: usize, visit: usize) -> Vector3<f64> {
         let found = self.found.get(ball).filter(|_| self.all());
         let there = found.and_then(|all| all.iter().rev().find(|(at, _)| *at == visit));
@@ -79,10 +80,10 @@ impl Known {
         last.map(|(_, centre)| *centre).or(stated).unwrap_or_default()
     }
 
-    /// How far from there a ball may be when it is searched for, mm: as far as is stated until all
-    /// are found. What was found elsewhere strays by what the nominal machine does not know: twice
-    /// the offsets of the rotary axes, and nobody knows these before they are identified. As much
-    /// is granted as a slow touch sets out away from the ball, and never more than what is stated.
+    /// Position uncertainty of a ball in a search, mm: the stated one until all balls are found. A position
+    /// that was found at another indexation deviates by twice the location errors of the rotary axes, which
+    /// are unknown before the identification. The standoff of a slow touch is allowed for them, but never
+    /// more than the stated uncertainty.
     pub fn uncertainty_mm(&self, setup: &MeasurementSetup<'_>) -> f64 {
         let stated = setup.balls.uncertainty_mm;
         if self.all() { stated.min(setup.touch.standoff_mm) } else { stated }
@@ -90,7 +91,7 @@ impl Known {
 }
 
 impl Taken<'_> {
-    /// By the nominal machine. `None`: touches are missing.
+    /// The measured ball by the nominal machine. `None`: touches are missing.
     pub fn measured(
         &self,
         setup: &MeasurementSetup<'_>,
@@ -102,7 +103,7 @@ impl Taken<'_> {
     }
 }
 
-/// All measurements that the plan's steps name, in their order.
+/// All measurements in the plan's steps, in their order.
 pub fn taken<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Reading]) -> Vec<Taken<'a>> {
     let mut newest: BTreeMap<u32, &Reading> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.repeat < REPEAT_AFTER_STOP) {

@@ -1,30 +1,31 @@
-//! What the label of a step says: `slow/007/3/+45`: pass, number of the visit's indexation, ball, touch.
+//! Label of a step, such as `slow/007/3/+45`: pass, number of the visit's indexation, ball, touch.
 
 use std::fmt;
 use std::str::FromStr;
 
-/// Why a ball is touched.
+/// Purpose of a touch of a ball.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Pass {
-    /// Fast, to find it.
+    /// Fast touches to find the ball.
     Find,
-    /// Slowly, along the normals now known: what is identified from.
+    /// Slow touches along the normals, which are known by then. The identification uses them.
     Slow,
-    /// As `Slow`, before the run, to see whether the machine is at rest. Nothing is identified from it.
+    /// As `Slow`, before the run, to check whether the machine is at rest. The identification does not use
+    /// them.
     Watch,
-    /// As `Slow`, to see whether the machine stands as it stood. Identified from as well.
+    /// As `Slow`, to check whether the machine has moved. The identification uses them as well.
     Reference,
 }
 
 /// One touch of one measurement of a ball. All steps that share pass, indexation and ball are one
-/// measurement: the rotary axes stand alike.
+/// measurement, with the same position of the rotary axes.
 #[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct Label {
     pub pass: Pass,
-    /// From 0; people count from 1, and so does the text.
+    /// Index of the indexation, from 0. The text and the messages for users count from 1.
     pub indexation: u32,
     pub ball: String,
-    /// e.g. `+45`, `-135`, `pole`.
+    /// Name of the touch, e.g. `+45`, `-135`, `pole`.
     pub touch: String,
 }
 
@@ -36,12 +37,12 @@ const NAMES: [(Pass, &str); 4] = [
 ];
 
 impl Label {
-    /// Of its indexation, as people count.
+    /// Number of its indexation, counted from 1.
     pub fn number(&self) -> u32 {
         self.indexation.saturating_add(1)
     }
 
-    /// What its touches have in common, e.g. `slow/007/3`.
+    /// Common part of the labels of a measurement, e.g. `slow/007/3`.
     pub fn measurement(&self) -> String {
         let text = self.to_string();
         text.rsplit_once('/').map_or(text.clone(), |(measurement, _)| measurement.to_owned())

@@ -1,4 +1,4 @@
-//! The visits last designed: they are the same at every stage, and take their time.
+//! Cache of the last designed visits: they are the same at every stage, and their computation is slow.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -11,7 +11,7 @@ use machine::record::plan::Plan;
 #[derive(Default)]
 pub struct MadeVisits(Mutex<Option<Made>>);
 
-/// What a design follows from, besides the settings, and the design.
+/// Inputs of a design, besides the settings, and the design.
 struct Made {
     machine: Machine,
     probe: Probe,
@@ -20,10 +20,10 @@ struct Made {
 }
 
 impl MadeVisits {
-    /// Those of the plan; `design` makes them where they are not those made last.
+    /// The visits of the plan. `design` computes them if the cached ones are of other inputs.
     ///
     /// # Errors
-    /// Those of `design`.
+    /// The errors of `design`.
     pub fn of(
         &self,
         plan: &Plan,

@@ -1,4 +1,4 @@
-//! Each ball at each indexation as a measurement that is compared with all others.
+//! Each ball at each indexation as a measurement for the outlier check.
 
 use nalgebra::Vector3;
 
@@ -6,8 +6,8 @@ use super::observe::Observed;
 use super::setup::describe_position;
 use crate::identification::Measurement;
 
-/// `of_centre`: the residual, mm, the first of its three rows and the standard uncertainty of a coordinate, mm, of a
-/// measured centre.
+/// `of_centre`: the residual of a measured centre, mm, the index of its first of three rows, and the standard
+/// uncertainty of a coordinate, mm.
 pub fn measurements(
     observed: &Observed,
     of_centre: impl Fn(usize) -> (Vector3<f64>, usize, f64),

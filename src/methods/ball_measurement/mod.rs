@@ -1,6 +1,6 @@
-//! Measurements of balls by touches, as every method with master balls makes them: stages of a list of visits,
-//! what was found so far, what must be measured once more, readings to ball centres, and the uncertainty
-//! sources of the touches. Imports no method.
+//! Measurements of balls by touches, shared by all methods with master balls: stages of a list of visits, the
+//! positions found so far, the measurements to repeat, the conversion of readings to ball centres, and the
+//! uncertainty sources of the touches. Imports no method.
 
 mod artefact;
 mod effects;

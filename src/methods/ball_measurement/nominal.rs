@@ -1,11 +1,11 @@
-//! Readings as a plan expects them.
+//! Nominal readings of a plan.
 
 use super::label::{Label, Pass};
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
 
-/// Slow touches as if each made contact where it sets out, at equal intervals of time. A standoff that is the same for
-/// all touches of a ball changes its radius alone.
+/// Readings of the slow touches as if each made contact at its start point, at equal time intervals. A
+/// standoff that is the same for all touches of a ball changes only the radius.
 pub fn nominal_readings(plan: &Plan, machine_s: f64) -> Vec<Reading> {
     let is_slow =
         |step: &&Step| step.label.parse::<Label>().is_ok_and(|label| label.pass == Pass::Slow);

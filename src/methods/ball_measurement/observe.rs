@@ -1,5 +1,5 @@
-//! Readings to measurements of balls: the axis positions at which the stylus-ball centre coincides with
-//! the centre of the ball.
+//! Conversion of readings to measurements of balls: the axis positions at which the stylus ball centre
+//! coincides with the ball centre.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,16 +14,16 @@ use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Step};
 use machine::record::reading::{Flag, Reading};
 use machine::{Axis, Position};
 
-/// An axis that stood still is read this much apart at most, rad (0.005°): encoders flicker, and a
-/// control leaves a little over.
+/// Maximum spread of the readings of an axis at rest, rad (0.005°): encoder readings flicker, and a control
+/// leaves a small position error.
 const STANDS: f64 = 8.7e-5;
-/// Touches that give centre and radius.
+/// Minimum number of touches for a centre and a radius.
 const LEAST_TOUCHES: usize = 4;
 
 /// One measurement of one ball.
 #[derive(Debug, Clone)]
 pub struct BallCentre {
-    /// Of one of its touches.
+    /// Label of one of its touches.
     pub label: Label,
     /// Index of the ball in the artefact.
     pub ball: usize,
@@ -33,39 +33,39 @@ pub struct BallCentre {
     pub commanded: usize,
     /// Centre, as axis positions, mm.
     pub xyz: Vector3<f64>,
-    /// Ball and stylus ball together, less pre-travel, mm.
+    /// Sum of the radii of ball and stylus ball, minus pre-travel, mm.
     pub radius: f64,
-    /// Largest less smallest deviation of its touches from the sphere, mm.
+    /// Form: largest minus smallest deviation of its touches from the sphere, mm.
     pub form: f64,
     pub touches: Vec<Touch>,
-    /// Mean of its touches.
+    /// Mean time of its touches, s.
     pub t_s: f64,
 }
 
-/// How one touch acts on its measurement.
+/// Effect of one touch on its measurement.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Touch {
     /// Axis positions, mm.
     pub point: Vector3<f64>,
-    /// Outward at the ball, machine frame.
+    /// Outward normal of the ball, machine frame.
     pub normal: Vector3<f64>,
-    /// Shift of the centre by a deviation of the touch along the normal.
+    /// Shift of the centre per unit deviation of the touch along the normal.
     pub gain: Vector3<f64>,
 }
 
 #[derive(Debug, Clone, Default)]
 pub struct Observed {
-    /// Where rotary axes and spindle stood, as read.
+    /// Measured positions of rotary axes and spindle.
     pub places: Vec<Position>,
-    /// Where they were sent: what people call an indexation's position. As many of `places` belong to
-    /// each as the readings flicker.
+    /// Commanded positions of rotary axes and spindle. Several `places` belong to one commanded position if
+    /// the readings flicker.
     pub commanded: Vec<Position>,
     pub centres: Vec<BallCentre>,
     /// Measurements that could not be used, in words.
     pub left_out: Vec<String>,
 }
 
-/// Which touches are one measurement; the order is that of the visits.
+/// Key of the touches that form one measurement; the order is that of the visits.
 #[derive(PartialEq, Eq, PartialOrd, Ord)]
 struct Visit {
     repeat: u32,
@@ -74,10 +74,10 @@ struct Visit {
     ball: String,
 }
 
-/// Slow and reference touches by measurement, spheres fitted. Flagged touches are left out.
+/// Groups slow and reference touches into measurements and fits the spheres. Flagged touches are left out.
 ///
 /// # Errors
-/// Readings that do not belong to the plan, an artefact without balls, labels that are none.
+/// The readings do not belong to the plan; the artefact has no balls; a label is invalid.
 pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyError> {
     let balls = stated_balls(plan)?;
     let steps: BTreeMap<u32, &Step> = plan.steps.iter().map(|step| (step.id, step)).collect();
@@ -123,12 +123,12 @@ pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyEr
     Ok(observed)
 }
 
-/// Takes out what was measured once more (dirt, a loose ball): the newest counts. What was measured
-/// again after a stop shows whether the machine stands as it stood, and supersedes nothing.
+/// Removes measurements that were repeated because of dirt or a loose ball: the newest one counts.
+/// Measurements that were repeated after a stop are a reference check and replace nothing.
 fn superseded<T>(visits: &mut BTreeMap<Visit, T>) -> Vec<String> {
     let ordinary = |visit: &&Visit| visit.repeat < REPEAT_AFTER_STOP;
     let key = |visit: &Visit| (visit.pass, visit.indexation, visit.ball.clone());
-    // In the order of repeats: the last one stays.
+    // In the order of repeats, so that the last one remains.
     let newest: BTreeMap<_, u32> =
         visits.keys().filter(ordinary).map(|visit| (key(visit), visit.repeat)).collect();
     let mut left_out = Vec::new();
@@ -148,7 +148,7 @@ fn superseded<T>(visits: &mut BTreeMap<Visit, T>) -> Vec<String> {
 }
 
 /// # Errors
-/// An artefact without balls.
+/// The artefact has no balls.
 pub fn stated_balls(plan: &Plan) -> Result<&Balls, IdentifyError> {
     match &plan.artefact {
         Artefact::Balls(balls) => Ok(balls),
@@ -203,7 +203,7 @@ fn centre_of(
     Ok(centre)
 }
 
-/// Where the rotary axes stood on average; `None`: they moved between the touches.
+/// Mean position of the rotary axes. `None`: they moved between the touches.
 fn stood(touches: &[(&Step, &Reading, Label)]) -> Option<Position> {
     let at = |(step, reading, _): &(&Step, &Reading, Label)| {
         step.from.updated_by(&reading.position).only(|axis| !axis.is_linear())
@@ -227,19 +227,19 @@ fn stood(touches: &[(&Step, &Reading, Label)]) -> Option<Position> {
 }
 
 impl Observed {
-    /// Fits the spheres on a machine whose linear axes are known: of each rotary position, the way of
-    /// the stylus that a way of the axes makes.
+    /// Fits the spheres again with known errors of the linear axes. `ways`: for each rotary position, the
+    /// matrix from a motion of the axes to the motion of the stylus.
     ///
     /// # Errors
-    /// Ways that make no sphere of the touches.
+    /// The matrices do not give a sphere through the touches.
     pub fn fit_again(&mut self, ways: &[Matrix3<f64>]) -> Result<(), SphereError> {
         self.centres.iter_mut().try_for_each(|centre| centre.fit(ways[centre.place]))
     }
 }
 
 impl BallCentre {
-    /// Gains and squareness make an ellipsoid of the ball in axis positions, and its pole has no
-    /// opposite that would balance it: the sphere is fitted where it is one.
+    /// Gains and squareness distort the sphere to an ellipsoid in axis positions, and no touch opposite to
+    /// the pole compensates for it. The sphere is therefore fitted in undistorted coordinates.
     fn fit(&mut self, way: Matrix3<f64>) -> Result<(), SphereError> {
         let points: Vec<[f64; 3]> =
             self.touches.iter().map(|touch| (way * touch.point).into()).collect();

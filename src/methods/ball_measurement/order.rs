@@ -1,4 +1,4 @@
-//! In which order the indexations follow each other, and the balls at each.
+//! Order of the indexations, and of the balls at each.
 
 use super::indexations::is_parallel;
 use super::setup::{Find, MeasurementSetup, Visit};
@@ -7,11 +7,12 @@ use machine::record::machine::Machine;
 use machine::{Axis, Position};
 use planning::{Access, Ways};
 
-/// The balls of each visit on a short way, the visits as they stand. Where a visit's balls are searched
-/// for first they are measured on the way back, and the visit ends at the ball where it began.
+/// Orders the balls of each visit along a short path; the order of the visits does not change. If the balls
+/// of a visit are searched for first, they are measured on the way back, and the visit ends at the ball where
+/// it began.
 ///
 /// # Errors
-/// A ball whose place cannot be computed.
+/// The position of a ball cannot be computed.
 pub fn balls_in_order(
     setup: &MeasurementSetup<'_>,
     access: &Access,
@@ -35,8 +36,8 @@ pub fn balls_in_order(
     Ok(visits)
 }
 
-/// Sorted by tilt; the axis parallel to the spindle sweeps forward at one tilt and back at the next,
-/// so that backlash and drift do not side with its angle, and the spindle likewise within it.
+/// Sorts by tilt. The axis parallel to the spindle sweeps forward at one tilt and backward at the next, so
+/// that backlash and drift do not correlate with its angle. The spindle does the same within it.
 pub fn in_order(machine: &Machine, visits: Vec<Visit>) -> Vec<Visit> {
     let mut axes: Vec<Axis> = machine.axes.keys().copied().filter(|a| !a.is_linear()).collect();
     axes.sort_by_key(|axis| (*axis == Axis::S, is_parallel(*axis, machine)));
@@ -45,8 +46,8 @@ pub fn in_order(machine: &Machine, visits: Vec<Visit>) -> Vec<Visit> {
     sorted
 }
 
-/// Sorts by the first of `axes`, and within equal positions by the others, each run the other way
-/// round than the one before.
+/// Sorts by the first of `axes`, and within equal positions by the others, each group in the opposite
+/// direction to the one before.
 fn sweep(visits: &mut [Visit], axes: &[Axis], backward: &mut bool) {
     let Some((first, rest)) = axes.split_first() else { return };
     let at = |visit: &Visit| visit.at.at(*first);

@@ -1,5 +1,4 @@
-//! In which order the balls of an indexation are measured, and how each is gone round, by the times of the ways as they
-//! are planned.
+//! Order of the balls of an indexation and of the touches of each ball, from the times of the planned paths.
 
 use super::setup::{MeasurementSetup, Visit, describe_position};
 use super::touch_order::{Around, BallWays, quickest};
@@ -12,19 +11,20 @@ use planning::{Access, Approach, Clearance, Confirmed, Start, Ways};
 use planning::{end_of, machine_time_s, step_blocks};
 use rayon::prelude::*;
 
-/// So many neighbours of a ball are considered by the times of their planned ways.
+/// Number of nearest neighbours of a ball for which paths are planned.
 const NEAR: usize = 16;
-/// So many balls are tried as the first of a visit.
+/// Number of balls that are tried as the first of a visit.
 const FIRSTS: usize = 4;
-/// Touches of a measurement that is no check of form.
+/// Number of touches of a measurement without a form check.
 const TOUCHES_WITHOUT_FORM: usize = 5;
 
-/// As [`super::balls_in_order`], by the time that each way takes as it is planned, with all its heights: worth its time for many
-/// balls that stand at different heights. Then how to go round each; a check of form, of more than five touches, goes
-/// round as it comes. Every ball is taken to be found where it is stated.
+/// As [`super::balls_in_order`], but from the time of each planned path with all its heights. This is worth
+/// the computing time for many balls at different heights. It then chooses the order of the touches of each
+/// ball; a form check, with more than five touches, keeps its order. Every ball counts as found at its stated
+/// position.
 ///
 /// # Errors
-/// A ball that cannot be measured at its visit.
+/// A ball cannot be measured at its visit.
 pub fn balls_by_planned_ways(
     setup: &MeasurementSetup<'_>,
     mut visits: Vec<Visit>,
@@ -85,13 +85,13 @@ impl WayPlanner<'_> {
         Ok(step_blocks(self.plan, step, 0, start, self.clearance)?)
     }
 
-    /// Where the machine stands after a touch.
+    /// Position of the machine after a touch.
     fn end(&self, step: &Step) -> Result<Position, Refused> {
         let blocks = self.blocks(&step.from, step)?;
         Ok(end_of(blocks.iter().flat_map(|block| &block.motions), &step.from))
     }
 
-    /// Numbers of the balls in a quick order, each gone round as it comes.
+    /// Indices of the balls in an order of short duration, each with its touches in the default order.
     fn order(&self, balls: &[Vec<Step>], stands: Option<&Position>) -> Result<Vec<usize>, Refused> {
         let ends = balls.iter().filter_map(|steps| steps.last()).map(|last| self.end(last));
         let ends = ends.collect::<Result<Vec<_>, _>>()?;
@@ -101,7 +101,7 @@ impl WayPlanner<'_> {
         Ok(Ways { between, from_stand }.tour(FIRSTS))
     }
 
-    /// Of the balls in their order, from where the machine stands.
+    /// Path times of the balls in their order, from the current position of the machine.
     fn ball_ways(
         &self,
         balls: &[&Vec<Step>],
@@ -123,7 +123,8 @@ impl WayPlanner<'_> {
         (0..balls.len()).into_par_iter().map(of_ball).collect()
     }
 
-    /// To the first contact of each ball. Ways to the nearest are planned, seen from above; a tour takes few others.
+    /// Path times to the first contact of each ball, s. Paths are planned only to the nearest balls in XY,
+    /// because a tour uses few others.
     fn ways_s(&self, from: &Position, balls: &[Vec<Step>]) -> Result<Vec<f64>, Refused> {
         let places: Vec<Position> =
             balls.iter().filter_map(|steps| steps.first()).map(|step| step.from.clone()).collect();
@@ -142,7 +143,7 @@ impl WayPlanner<'_> {
         Ok(seconds)
     }
 
-    /// To the contact of a touch.
+    /// Path time to the contact of a touch, s.
     fn way_s(&self, from: &Position, step: &Step) -> Result<f64, Refused> {
         let (mut seconds, mut stands) = (0.0, from.clone());
         for block in self.blocks(from, step)? {

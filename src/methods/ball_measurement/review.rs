@@ -1,4 +1,4 @@
-//! What a stage's readings say: good, once more, or the run holds.
+//! Review of the readings of a stage: accept, measure again, or hold the run.
 
 use nalgebra::Vector3;
 
@@ -11,12 +11,12 @@ use machine::record::plan::{Stage, StepKind};
 use machine::record::reading::Reading;
 use planning::{BallDoubt, BallLimits};
 
-/// Looks at the measurements of the `last` stage. Returns the steps of those that must be measured
-/// once more, and in which repeat.
+/// Checks the measurements of the `last` stage. Returns the steps of those that must be measured again, and
+/// the number of their repeat.
 ///
 /// # Errors
-/// A measurement that was outside the limits before already; a ball that is not where it can be. Both
-/// unless a person has looked since.
+/// A measurement was outside the limits for the second time; a ball is outside its possible range. Neither is
+/// an error if the run was stopped and resumed since then.
 pub fn review(
     setup: &MeasurementSetup<'_>,
     last: &Stage,
@@ -27,7 +27,7 @@ pub fn review(
         |taken: &&Taken<'_>| taken.steps.iter().any(|step| last.steps.contains(&step.id));
     let mut again = Vec::new();
     for taken in all.iter().filter(of_stage) {
-        // After a stop a person has looked, and perhaps cleaned.
+        // After a stop the operator has checked the ball and may have cleaned it.
         let newest_s = taken.readings.iter().map(|reading| reading.t_s).fold(f64::MIN, f64::max);
         let looked_after = setup.plan.gaps_s.last().is_some_and(|gap_s| *gap_s >= newest_s);
         let doubt = match fault(setup, taken) {
@@ -46,8 +46,8 @@ pub fn review(
     Ok((!again.is_empty()).then_some((again, last.repeat + 1)))
 }
 
-/// Why a measurement does not count. Fast touches come late, and the first do not come along the
-/// normals: of them it is enough that they lie on a sphere.
+/// Reason to reject a measurement. Fast touches trigger late, and the first ones are not along the normals;
+/// for them it is sufficient that they lie on a sphere.
 fn fault(setup: &MeasurementSetup<'_>, taken: &Taken<'_>) -> Option<BallDoubt> {
     let measured = match taken.measured(setup)? {
         Ok(measured) => measured,
@@ -74,7 +74,7 @@ fn outside(setup: &MeasurementSetup<'_>, fault: &BallDoubt) -> Refused {
     }
 }
 
-/// A run goes on by its references only, and the first searches come before them.
+/// How to continue. A run can be resumed only by its references, and the first searches precede them.
 pub fn way_on(setup: &MeasurementSetup<'_>) -> &'static str {
     match setup.plan.steps.iter().any(|step| step.kind == StepKind::Reference) {
         true => "then resume the run: it measures the ball again",
@@ -88,7 +88,7 @@ fn name(setup: &MeasurementSetup<'_>, taken: &Taken<'_>) -> String {
     format!("ball {ball} at {}", describe_position(&at.unwrap_or_default()))
 }
 
-/// A ball may be no further from where it was expected than was granted.
+/// Checks that a ball is within the position uncertainty of its expected position.
 fn check_place(
     setup: &MeasurementSetup<'_>,
     all: &[Taken<'_>],
@@ -102,7 +102,7 @@ fn check_place(
     if taken.label.pass != Pass::Find {
         return Ok(());
     }
-    // What its own stage found was not known when it was planned.
+    // The results of its own stage were unknown when the stage was planned.
     let stage = |of: &Taken<'_>| (of.label.pass, of.label.indexation);
     let before = all.iter().take_while(|other| stage(other) != stage(taken));
     let known = Known::of_taken(setup, before);

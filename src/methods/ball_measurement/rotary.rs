@@ -1,4 +1,5 @@
-//! Declared error motions that act through the kinematics: of rotary axes, and rotations of the linear ones.
+//! Declared error motions that act through the kinematics: those of the rotary axes, and the rotations of the
+//! linear axes.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -11,7 +12,8 @@ use machine::frame::Point;
 use machine::kinematics::{Chain, ErrorParameter};
 use machine::record::plan::Plan;
 
-/// They displace all touches of a measurement alike. It may have no draw.
+/// Source of the rotary error motions, which displace all touches of a measurement alike. It may have no
+/// draw.
 pub fn rotary_source(plan: &Plan, chain: &Chain, observed: &Observed) -> UncertaintySource {
     let mut motions = rotary_motions(plan, &MOTION_ORDERS);
     motions.retain(|motion| chain.check(motion.error).is_ok());
@@ -28,7 +30,8 @@ pub fn rotary_source(plan: &Plan, chain: &Chain, observed: &Observed) -> Uncerta
     UncertaintySource::new("error motions of rotary axes", effect)
 }
 
-/// Rotations of X, Y and Z, each the same for all touches of a measurement. It may have no draw.
+/// Source of the rotations of X, Y and Z, each the same for all touches of a measurement. It may have no
+/// draw.
 pub fn angular_source(plan: &Plan, chain: &Chain, observed: &Observed) -> UncertaintySource {
     let points: Vec<Vector3<f64>> = observed.centres.iter().map(|centre| centre.xyz).collect();
     let patterns = angular_motion_patterns(plan, &points);
@@ -44,7 +47,7 @@ pub fn angular_source(plan: &Plan, chain: &Chain, observed: &Observed) -> Uncert
     UncertaintySource::new("angular error motions of X, Y and Z", effect)
 }
 
-/// Displacement of each measurement, axis positions, by a unit of each error.
+/// Displacement of each measurement, in axis positions, per unit of each error.
 fn displacements(
     plan: &Plan,
     chain: &Chain,
@@ -52,7 +55,7 @@ fn displacements(
     errors: &[ErrorParameter],
 ) -> Vec<Vec<Vector3<f64>>> {
     let stylus = Point::from_vec(Vector3::from(plan.machine.tool_mm));
-    // From the table frame to axis positions.
+    // Matrix from the table frame to axis positions.
     let back = |place: &Position| {
         let forth = chain.linear_jacobian(place, &[]);
         forth.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))

@@ -1,4 +1,4 @@
-//! What a method measures with: plan, balls, and how each ball is touched.
+//! The measurement setup of a method: plan, balls, and the settings of the touches.
 
 use std::collections::BTreeMap;
 
@@ -11,23 +11,23 @@ use machine::record::plan::Plan;
 use machine::{Axis, Position};
 use planning::{Access, Approach, BallTask};
 
-/// When a ball is searched for fast before it is measured slowly.
+/// When fast touches search for a ball before it is measured slowly.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Find {
-    /// Once; afterwards it is expected where the nominal machine carries it.
+    /// Once; afterwards the expected position follows from the nominal machine.
     Once,
     /// At every indexation, as in paper 4, section 3.
     #[default]
     Every,
 }
 
-/// One rotary position and the balls measured there, as indices into the artefact's.
+/// One rotary position and the balls measured there, as indices of the artefact's balls.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Visit {
     pub at: Position,
     pub balls: Vec<usize>,
-    /// How a ball is gone round when it is measured slowly; as it comes if nothing is said.
+    /// Order of the touches of a ball in a slow measurement, by ball; the default order if absent.
     pub around: BTreeMap<usize, Around>,
 }
 
@@ -37,23 +37,24 @@ impl Visit {
     }
 }
 
-/// How each ball is measured.
+/// Touch settings of each ball measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TouchSettings {
     pub find: Find,
-    /// Touches of one measurement: 5, or more for a form check.
+    /// Number of touches of one measurement: 5, or more for a form check.
     pub touches: usize,
     /// Whether one ball is measured again at the start, the middle and the end.
     pub has_references: bool,
-    /// How long one ball is watched before the run, s; 0: not at all.
+    /// Duration for which one ball is watched before the run, s; 0: no watch.
     pub watch_s: f64,
-    /// Clear distance before the expected contact of a slow touch, mm.
+    /// Clearance before the expected contact of a slow touch, mm.
     pub standoff_mm: f64,
-    /// How far beyond it a slow touch may go, mm.
+    /// Maximum travel of a slow touch beyond the expected contact, mm.
     pub search_mm: f64,
-    /// Form of one measurement (largest less smallest residual of its sphere) beyond which the run holds, mm.
+    /// Maximum form of one measurement (largest minus smallest residual of its sphere), mm; beyond it the run
+    /// holds.
     pub form_limit_mm: f64,
-    /// Difference from the stated diameter, pre-travel with it, beyond which the run holds, mm.
+    /// Maximum difference from the stated diameter, including pre-travel, mm; beyond it the run holds.
     pub diameter_limit_mm: f64,
 }
 
@@ -61,7 +62,7 @@ const MOST_WATCH_S: f64 = 7200.0;
 
 impl TouchSettings {
     /// # Errors
-    /// What would fail on the way.
+    /// A setting would make the run fail.
     pub fn check(&self) -> Result<(), Refused> {
         Refused::unless(
             self.standoff_mm > 0.0 && self.search_mm > 0.0 && self.search_mm.is_finite(),
@@ -87,8 +88,8 @@ impl TouchSettings {
 }
 
 impl TouchSettings {
-    /// How far a ball may stand off the place where it was found. Slow touches set out from their standoff: half of
-    /// it is granted.
+    /// Maximum distance of a ball from the position where it was found, mm: half of the standoff of a slow
+    /// touch, or of its search distance if that is smaller.
     pub fn found_within_mm(&self) -> f64 {
         self.standoff_mm.min(self.search_mm) / 2.0
     }
@@ -104,7 +105,7 @@ pub struct MeasurementSetup<'a> {
 }
 
 impl<'a> MeasurementSetup<'a> {
-    /// The same for a plan that has grown.
+    /// The same setup for an extended plan.
     pub fn with<'b>(&self, plan: &'b Plan) -> MeasurementSetup<'b>
     where
         'a: 'b,
@@ -112,15 +113,15 @@ impl<'a> MeasurementSetup<'a> {
         MeasurementSetup { plan, ..*self }
     }
 
-    /// What is free beside the artefact, as it is thought to stand.
+    /// Free space around the artefact at its assumed position.
     ///
     /// # Errors
-    /// A machine without kinematics.
+    /// The machine has no kinematics.
     pub fn access(&self, artefact: &Artefact) -> Result<Access, Refused> {
         Ok(Access::new(self.plan, artefact)?)
     }
 
-    /// One measurement of a ball.
+    /// Task of one measurement of a ball.
     pub fn task<'t>(
         &self,
         ball: &'t Ball,
@@ -130,13 +131,13 @@ impl<'a> MeasurementSetup<'a> {
         BallTask { ball, rotary, approach, touches: self.touch.touches }
     }
 
-    /// Fast, for a ball that may be so far from where it is expected.
+    /// Fast approach to a ball whose position has this uncertainty.
     pub fn search(&self, uncertainty_mm: f64) -> Approach {
         Approach::Find { uncertainty_mm, standoff_mm: self.touch.standoff_mm }
     }
 }
 
-/// A rotary position in degrees: `B30 C90 S0`.
+/// Text of a rotary position in degrees: `B30 C90 S0`.
 pub fn describe_position(at: &Position) -> String {
     let degree = |axis: Axis, value: f64| (axis.to_edge(value) * 1e3).round() / 1e3;
     let words: Vec<String> =

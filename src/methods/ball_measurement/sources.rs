@@ -14,8 +14,8 @@ use crate::identification::{Effect, EvaluationType, ObservationRun, Shape, Uncer
 use machine::Axis;
 use machine::record::plan::Plan;
 
-/// What acts on the touches of every ball measurement, in this order: repeatability, resolution, lobing, backlash,
-/// error motions of X, Y and Z, drift, interruptions. A source may have no draw.
+/// Sources that act on the touches of every ball measurement, in this order: repeatability, resolution,
+/// lobing, backlash, error motions of X, Y and Z, drift, interruptions. A source may have no draw.
 pub fn touch_sources(plan: &Plan, observed: &Observed) -> Vec<UncertaintySource> {
     let centres = &observed.centres;
     let named = UncertaintySource::new;
@@ -28,12 +28,12 @@ pub fn touch_sources(plan: &Plan, observed: &Observed) -> Vec<UncertaintySource>
             shape: Shape::Rectangular,
             ..named("resolution", each_touch(centres, |normal| resolution_mm(plan, normal)))
         },
-        // Alike in all measurements: none has less weight for it.
+        // Equal in all measurements: it does not change their relative weights.
         UncertaintySource { is_in_weights: false, ..named("probe lobing", lobing(plan, observed)) },
         UncertaintySource { is_in_weights: false, ..named("backlash", backlash(plan, centres)) },
         named("error motions of X, Y and Z", linear_axes(plan, centres)),
         named("thermal drift", drift(plan, centres)),
-        // In the weights it would set the measurements after an interruption below those before.
+        // In the weights it would weight the measurements after an interruption less than those before.
         UncertaintySource {
             is_in_weights: false,
             ..named("steps at interruptions", interruptions::steps(plan, centres))
@@ -41,7 +41,7 @@ pub fn touch_sources(plan: &Plan, observed: &Observed) -> Vec<UncertaintySource>
     ]
 }
 
-/// One draw a touch, of standard uncertainty `u` along its normal.
+/// One draw per touch, of standard uncertainty `u` along its normal.
 fn each_touch(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> Effect {
     let of_centre = |(i, centre): (usize, &BallCentre)| -> Vec<ObservationRun> {
         let values = |touch: &Touch| (touch.gain * u(touch.normal)).as_slice().to_vec();
@@ -74,7 +74,7 @@ fn backlash(plan: &Plan, centres: &[BallCentre]) -> Effect {
     nonzero_columns((0..3).map(column))
 }
 
-/// At the touches, not at the centre: the slope of a motion changes the sphere.
+/// Evaluated at the touches, not at the centre, because the slope of a motion distorts the sphere.
 fn linear_axes(plan: &Plan, centres: &[BallCentre]) -> Effect {
     let touches = || centres.iter().flat_map(|centre| &centre.touches);
     let points: Vec<Vector3<f64>> = touches().map(|touch| touch.point).collect();
@@ -87,8 +87,8 @@ fn linear_axes(plan: &Plan, centres: &[BallCentre]) -> Effect {
     nonzero_columns(patterns.iter().flat_map(|pattern| Axis::LINEAR.map(|a| column(pattern, a))))
 }
 
-/// The table against the spindle at the declared rate, zero at the mean time of the measurements: the
-/// estimate is the machine at that time.
+/// Drift of the table relative to the spindle at the declared rate, zero at the mean time of the
+/// measurements: the estimate describes the machine at that time.
 fn drift(plan: &Plan, centres: &[BallCentre]) -> Effect {
     let mean_s = centres.iter().map(|centre| centre.t_s).sum::<f64>() / centres.len().max(1) as f64;
     let rate = drift_mm_per_s(plan);
@@ -97,7 +97,7 @@ fn drift(plan: &Plan, centres: &[BallCentre]) -> Effect {
     nonzero_columns(Axis::LINEAR.map(column))
 }
 
-/// A column: shifts of the measurements by `deviations` of their touches along the normals, mm, one a
+/// A column of shifts of the measurements, from `deviations` of their touches along the normals, mm, one per
 /// touch.
 fn along_normals(centres: &[BallCentre], mut deviations: impl Iterator<Item = f64>) -> Vec<f64> {
     shifts(centres, |centre| {

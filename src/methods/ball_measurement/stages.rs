@@ -1,4 +1,4 @@
-//! Which stage comes next: the tasks of a list of visits, one stage each.
+//! Choice of the next stage: the tasks of a list of visits, one stage each.
 
 use super::known::Known;
 use super::label::{Label, Pass};
@@ -15,18 +15,18 @@ use planning::{Approach, Unreachable, staged_blocks};
 #[derive(Debug, Clone, PartialEq)]
 struct Task {
     pass: Pass,
-    /// Number of the visit in the labels; of a reference its round.
+    /// Number of the visit in the labels; for a reference, number of its round.
     number: usize,
-    /// The visit whose indexation it is.
+    /// Index of the visit that gives the indexation.
     visit: usize,
     balls: Vec<usize>,
 }
 
-/// The next stage of a run that measures the `visits`: a stage of measurements that were outside the limits
-/// once more, or the next task.
+/// The next stage of a run that measures the `visits`: a repeat of measurements that were outside the limits,
+/// or the next task.
 ///
 /// # Errors
-/// A ball that cannot be touched, or was twice outside the limits.
+/// A ball cannot be touched, or was outside the limits twice.
 pub fn next(
     setup: &MeasurementSetup<'_>,
     visits: &[Visit],
@@ -50,7 +50,7 @@ pub fn next(
     Ok(Next::Stage { stage, new_steps })
 }
 
-/// The measurements of the last stage that were outside the limits, once more.
+/// The stage that repeats the measurements of the last stage that were outside the limits.
 fn once_more(
     setup: &MeasurementSetup<'_>,
     done: &[Stage],
@@ -63,15 +63,15 @@ fn once_more(
     Ok(Some(Stage { id, name, repeat, steps, found: last.found.clone() }))
 }
 
-/// Rounds that the plan has so far.
+/// Number of watch rounds in the plan so far.
 fn rounds_of_watch(setup: &MeasurementSetup<'_>) -> usize {
     let labels = setup.plan.steps.iter().filter_map(|step| step.label.parse::<Label>().ok());
     let rounds = labels.filter(|label| label.pass == Pass::Watch).map(|label| label.number());
     rounds.max().unwrap_or(0) as usize
 }
 
-/// All tasks in measuring order. First every ball is searched for, at the indexation that shows most
-/// and, for those it does not show, at others; then one is watched, and the visits follow.
+/// All tasks in measuring order. First every ball is searched for: at the indexation where most balls are
+/// accessible, then at others for the remaining balls. Then one ball is watched, and the visits follow.
 fn tasks(setup: &MeasurementSetup<'_>, visits: &[Visit], watched: usize) -> Vec<Task> {
     let searches = searches(visits);
     let task = |pass, number: usize, balls: &[usize]| Task {
@@ -103,7 +103,7 @@ fn tasks(setup: &MeasurementSetup<'_>, visits: &[Visit], watched: usize) -> Vec<
         let mut slow = task(Pass::Slow, number, &visit.balls);
         if every && !searches.iter().any(|(searched, _)| *searched == number) {
             tasks.push(task(Pass::Find, number, &visit.balls));
-            // Back the way that the search has come.
+            // The slow measurement takes the path of the search backwards.
             slow.balls.reverse();
         }
         tasks.push(slow);
@@ -112,7 +112,7 @@ fn tasks(setup: &MeasurementSetup<'_>, visits: &[Visit], watched: usize) -> Vec<
     tasks
 }
 
-/// Visits that together show every ball, and which are new there.
+/// Visits that together give access to every ball, and the balls that are new at each.
 fn searches(visits: &[Visit]) -> Vec<(usize, Vec<usize>)> {
     let mut found: Vec<usize> = Vec::new();
     let mut searches = Vec::new();
@@ -120,7 +120,7 @@ fn searches(visits: &[Visit]) -> Vec<(usize, Vec<usize>)> {
         let new = |visit: &Visit| -> Vec<usize> {
             visit.balls.iter().copied().filter(|ball| !found.contains(ball)).collect()
         };
-        // The first of equals.
+        // The first of equal visits.
         let best = visits.iter().enumerate().rev().max_by_key(|(_, visit)| new(visit).len());
         let Some((number, balls)) = best.map(|(number, visit)| (number, new(visit))) else { break };
         if balls.is_empty() {
@@ -132,10 +132,10 @@ fn searches(visits: &[Visit]) -> Vec<(usize, Vec<usize>)> {
     searches
 }
 
-/// Machine time of the visits, every ball found where it is stated, s.
+/// Machine time of the visits if every ball is found at its stated position, s.
 ///
 /// # Errors
-/// What cannot be planned.
+/// A visit cannot be planned.
 pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[Visit]) -> Result<f64, Refused> {
     let mut plan = Plan { steps: Vec::new(), ..setup.plan.clone() };
     let mut stages = Vec::new();
@@ -148,10 +148,10 @@ pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[Visit]) -> Result<
     Ok(staged_blocks(&plan, &stages)?.1)
 }
 
-/// The steps of a task, numbered on from the plan's, and its stage.
+/// The stage of a task and its steps, numbered after those of the plan.
 ///
 /// # Errors
-/// What cannot be touched.
+/// A ball cannot be touched.
 fn stage(
     setup: &MeasurementSetup<'_>,
     visits: &[Visit],
@@ -234,7 +234,7 @@ fn refused(setup: &MeasurementSetup<'_>, visit: &Visit, ball: &Ball, why: &Unrea
     Refused { why: format!("ball {} at {}: {why}", ball.id, describe_position(&visit.at)), instead }
 }
 
-/// The first round of references or of the watch once more: the very same places.
+/// The first round of references or of the watch again, at exactly the same places.
 fn again(setup: &MeasurementSetup<'_>, task: &Task) -> Vec<Step> {
     let label = |step: &Step| step.label.parse::<Label>().ok();
     let of_first = |step: &&Step| {
@@ -247,8 +247,8 @@ fn again(setup: &MeasurementSetup<'_>, task: &Task) -> Vec<Step> {
     setup.plan.steps.iter().filter(of_first).filter_map(renumbered).collect()
 }
 
-/// The balls where they were found. Before all of them are found nothing better is known than what is
-/// stated.
+/// The artefact with the balls at their found positions. `None` until all balls are found, because only the
+/// stated positions are known until then.
 fn found(setup: &MeasurementSetup<'_>, task: &Task, known: &Known) -> Option<Artefact> {
     if !known.all() {
         return None;

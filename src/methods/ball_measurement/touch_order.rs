@@ -1,26 +1,27 @@
-//! In which order the touches of a ball follow each other, for a short machine time.
+//! Order of the touches of a ball for a short machine time.
 
-/// How the touches of a ball follow each other.
+/// Order of the touches of a ball.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Around {
-    /// Number of the first touch round the ball.
+    /// Index of the first of the touches around the ball.
     first: usize,
     backward: bool,
-    /// Before those round the ball; otherwise after them.
+    /// Whether the pole is touched before the others; otherwise after them.
     pole_first: bool,
 }
 
-/// How long the ways of one ball take, s, by numbers of touches; the pole is the last.
+/// Path times of one ball, s, by indices of touches; the pole is the last.
 #[derive(Debug, Clone)]
 pub struct BallWays {
-    /// From after each touch of the ball before to each touch; one row from where the machine stands, of the first ball.
+    /// Times from each touch of the previous ball to each touch; for the first ball one row, from the current
+    /// position of the machine.
     pub entering: Vec<Vec<f64>>,
-    /// From after each touch to each.
+    /// Times from each touch to each other.
     pub within: Vec<Vec<f64>>,
 }
 
 impl Around {
-    /// From one neighbour to the next in either sense, from any, the pole before or after.
+    /// All orders: from neighbour to neighbour in either sense, from any start, with the pole first or last.
     fn all(touches: usize) -> Vec<Self> {
         let firsts = 0..touches.saturating_sub(1).max(1);
         let senses = firsts.flat_map(|first| [false, true].map(|backward| (first, backward)));
@@ -30,13 +31,13 @@ impl Around {
         senses.flat_map(both).collect()
     }
 
-    /// `touches`: as they stand round the ball, the pole last.
+    /// Applies the order. `touches`: in their order around the ball, the pole last.
     pub fn applied<T>(self, mut touches: Vec<T>) -> Vec<T> {
         let Some(pole) = touches.pop() else { return touches };
         let count = touches.len().max(1);
         touches.rotate_left(self.first % count);
         if self.backward {
-            // The first stays the first.
+            // The first touch remains the first.
             touches.reverse();
             touches.rotate_right(1 % count);
         }
@@ -46,17 +47,17 @@ impl Around {
     }
 }
 
-/// One of the ways to go round a ball, and the shortest time to its last touch.
+/// One of the orders of a ball, and the shortest time to its last touch.
 struct Reached {
     around: Around,
     order: Vec<usize>,
     seconds: f64,
-    /// Number of the way round the ball before.
+    /// Index of the order of the previous ball.
     before: usize,
 }
 
-/// How to go round each of the balls, one after the other, so that all ways together are the shortest (dynamic
-/// programming over the last touch of each).
+/// Orders of the touches of the balls, one ball after the other, with the shortest total path time (dynamic
+/// programming over the last touch of each ball).
 pub fn quickest(balls: &[BallWays]) -> Vec<Around> {
     let mut reached: Vec<Vec<Reached>> = Vec::new();
     for ways in balls {
@@ -136,7 +137,7 @@ mod tests {
         let mut table = |rows: usize, columns: usize| -> Vec<Vec<f64>> {
             (0..rows).map(|_| (0..columns).map(|_| random.random()).collect()).collect()
         };
-        // The second ball has four free touches.
+        // The second ball has four accessible touches.
         let mut ball = |before, count| BallWays {
             entering: table(before, count),
             within: table(count, count),

@@ -1,4 +1,4 @@
-//! Whether the machine stands still before a long measurement: one ball is measured again and again until it does.
+//! Check that the machine is at rest before a long measurement: one ball is measured repeatedly until it is.
 
 use estimation::coverage::coverage_factor;
 use nalgebra::Vector3;
@@ -11,28 +11,28 @@ use crate::Refused;
 use crate::identification::declared::drift_mm_per_s;
 use machine::record::reading::Reading;
 
-/// Rounds that show a creep and its scatter.
+/// Minimum number of rounds for the creep rate and its scatter.
 const ROUNDS: usize = 5;
-/// The machine has so many times the asked duration to come to rest.
+/// Maximum duration of the watch, as a multiple of the requested duration.
 const PATIENCE: f64 = 6.0;
 
-/// How fast the ball moves along one axis.
+/// Creep rate of the ball along one axis.
 #[derive(Debug, Clone, Copy)]
 struct Creep {
     axis: char,
     mm_per_s: f64,
-    /// Expanded, from the scatter of the rounds about the line.
+    /// Expanded uncertainty of the rate, mm/s, from the scatter of the rounds about the line.
     expanded: f64,
 }
 
-/// Whether another round is wanted: neither the rounds of the last `watch_s` nor all show that the machine creeps no faster
-/// than declared.
+/// Whether another round is needed: neither the rounds of the last `watch_s` nor all rounds show that the
+/// machine creeps no faster than declared.
 ///
 /// # Errors
-/// It creeps still after [`PATIENCE`] times that duration. A run that is resumed is watched anew.
+/// The machine still creeps after [`PATIENCE`] times that duration. A resumed run starts the watch again.
 pub fn needs_a_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, Refused> {
     let watch_s = setup.touch.watch_s;
-    // It is over when the measurement has begun, also for a run that is resumed.
+    // The watch ends when the measurement begins, also for a resumed run.
     if watch_s <= 0.0 || has_begun(setup) {
         return Ok(false);
     }
@@ -47,9 +47,10 @@ pub fn needs_a_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Resu
     }
     let older = rounds.partition_point(|(t_s, _)| last_s - t_s > watch_s);
     let newest = &rounds[older.min(rounds.len() - ROUNDS)..];
-    // Of a standard deviation, at k = 2.
+    // The declared rate is a standard deviation; k = 2.
     let allowed = 2.0 * drift_mm_per_s(setup.plan);
-    // Rest that cannot be told from a creep is none: all rounds together tell more than the newest.
+    // If the uncertainty of the rate exceeds the limit, rest is not shown. All rounds together have a smaller
+    // uncertainty than the newest ones.
     let may_creep = |creep: &Creep| creep.mm_per_s.abs() > allowed || creep.expanded > allowed;
     let creeping = |rounds: &[(f64, Vector3<f64>)]| creep(rounds).into_iter().find(may_creep);
     let (Some(creep), Some(_)) = (creeping(newest), creeping(&rounds)) else { return Ok(false) };
@@ -79,7 +80,7 @@ fn has_begun(setup: &MeasurementSetup<'_>) -> bool {
     setup.plan.steps.iter().any(|step| pass(&step.label))
 }
 
-/// Time and centre of each round since the run was resumed.
+/// Time, s, and centre, mm, of each round since the run was resumed.
 fn rounds(
     setup: &MeasurementSetup<'_>,
     readings: &[Reading],
@@ -95,7 +96,7 @@ fn rounds(
     round.filter(|(t_s, _)| *t_s > resumed_s).collect()
 }
 
-/// Straight lines through the rounds.
+/// Slopes of straight lines through the rounds.
 fn creep(rounds: &[(f64, Vector3<f64>)]) -> [Creep; 3] {
     let count = rounds.len() as f64;
     let middle_s = rounds.iter().map(|(t_s, _)| t_s).sum::<f64>() / count;

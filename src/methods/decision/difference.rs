@@ -1,4 +1,4 @@
-//! Two results beside each other: the difference of each value, with its expanded uncertainty and E_n.
+//! Comparison of two estimates: the difference of each parameter, with its expanded uncertainty and E_n.
 
 use serde::Serialize;
 
@@ -7,15 +7,15 @@ use machine::record::estimate::{
     BudgetLine, Estimate, EvaluationType, Parameter, Provenance, Unit,
 };
 
-/// What a source of uncertainty belongs to.
+/// Field of the provenance that identifies what a source of uncertainty belongs to.
 type Owner = fn(&Provenance) -> &str;
 
 const PROBE: Owner = |provenance| &provenance.probe_sha256;
 const MACHINE: Owner = |provenance| &provenance.machine;
 const ARTEFACT: Owner = |provenance| &provenance.artefact_sha256;
 
-/// Sources of type B that have the same value in every run with the same owner. Every other one, also a new one,
-/// counts as independent: U of a difference is then rather too large.
+/// Sources of type B that have the same value in every run with the same owner. Every other source, including
+/// unknown ones, counts as independent; U of a difference is then rather too large.
 const SAME_IN_EVERY_RUN: [(&str, Owner); 7] = [
     ("stylus offset", PROBE),
     ("probe lobing", PROBE),
@@ -26,7 +26,7 @@ const SAME_IN_EVERY_RUN: [(&str, Owner); 7] = [
     ("certified length", ARTEFACT),
 ];
 
-/// Of one value, the second result less the first.
+/// Difference of one parameter, second result minus first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
     pub symbol: String,
@@ -37,10 +37,11 @@ pub struct Difference {
     /// Expanded uncertainty of `by`, coverage probability 95.45 %.
     #[serde(rename = "U")]
     pub expanded: f64,
-    /// |by|/U (ISO 13528): the results agree up to 1. `null` in JSON: infinite, U is 0.
+    /// Normalized error |by|/U (ISO 13528): the results agree up to 1. `null` in JSON: infinite, because U is
+    /// 0.
     #[serde(rename = "E_n")]
     pub normalized: f64,
-    /// Whether `by` is beyond its uncertainty: E_n is above 1.
+    /// Whether the difference is significant: E_n is above 1.
     pub significant: bool,
 }
 
@@ -49,8 +50,8 @@ pub(super) fn normalized_error(by: f64, expanded: f64) -> f64 {
     if by == 0.0 { 0.0 } else { by.abs() / expanded }
 }
 
-/// Sources of type B that the budgets of both results name, and that have the same value in both runs. Where it is
-/// not known what the results were made from, probe, machine and artefact count as the same.
+/// Sources of type B that both budgets contain and that have the same value in both runs. If the provenance
+/// is unknown, probe, machine and artefact count as the same.
 pub fn common_sources(first: &Estimate, second: &Estimate) -> Vec<String> {
     let mut names: Vec<String> = Vec::new();
     let others: Vec<&BudgetLine> = second.parameters.iter().flat_map(|p| &p.budget).collect();
@@ -71,8 +72,8 @@ fn have_same(owner: Owner, first: &Estimate, second: &Estimate) -> bool {
     pair.is_none_or(|(first, second)| owner(first) == owner(second))
 }
 
-/// Of all values that both have identified, in the order of the first. The sources `common` have the same
-/// value in both, with the same sign of its effect; everything else is independent.
+/// Differences of all parameters that both results identify, in the order of the first. The sources `common`
+/// have the same value in both results and the same sign of their effect; all other sources are independent.
 pub fn differences(first: &Estimate, second: &Estimate, common: &[String]) -> Vec<Difference> {
     let pairs = first.parameters.iter().filter_map(|one| {
         let same = |other: &&Parameter| (&other.symbol, other.unit) == (&one.symbol, one.unit);
@@ -82,12 +83,12 @@ pub fn differences(first: &Estimate, second: &Estimate, common: &[String]) -> Ve
     known.filter_map(|(one, other)| difference(one, other, common)).collect()
 }
 
-/// `None` where a number is missing.
+/// `None`: a number is missing.
 fn difference(one: &Parameter, other: &Parameter, common: &[String]) -> Option<Difference> {
     let independent = one.u.powi(2) + other.u.powi(2);
     let shared = |source: &String| component(one, source) * component(other, source);
     let covariance: f64 = common.iter().map(shared).sum();
-    // Rounding may leave less than nothing of budgets that are all common.
+    // If all budget lines are common, rounding may give a negative variance.
     let variance = (independent - 2.0 * covariance).max(0.0);
     let by = other.value - one.value;
     let expanded = coverage_factor(dof([one, other], variance)) * variance.sqrt();
@@ -105,13 +106,13 @@ fn difference(one: &Parameter, other: &Parameter, common: &[String]) -> Option<D
     (by.is_finite() && expanded.is_finite()).then_some(difference)
 }
 
-/// Standard uncertainty by one source.
+/// Standard uncertainty of the parameter from one source.
 fn component(parameter: &Parameter, source: &String) -> f64 {
     let lines = parameter.budget.iter().filter(|line| line.source == *source);
     lines.map(|line| line.u.powi(2)).sum::<f64>().sqrt()
 }
 
-/// Effective degrees of freedom of the difference (GUM, G.2b): the common sources have infinitely many.
+/// Effective degrees of freedom of the difference (GUM, G.2b). The common sources have infinitely many.
 fn dof(of: [&Parameter; 2], variance: f64) -> f64 {
     let part = |p: &Parameter| p.dof.map_or(0.0, |dof| p.u.powi(4) / dof);
     let spread = part(of[0]) + part(of[1]);
@@ -143,8 +144,8 @@ mod tests {
         .unwrap()
     }
 
-    /// GUM, G.4.1 and table G.2: u of 2 and 1 with 4 and 8 degrees of freedom have 25/(16/4 + 1/8) = 6.06
-    /// effective ones, cut to 6: t(95.45 %) = 2.52.
+    /// GUM, G.4.1 and table G.2: u of 2 and 1 with 4 and 8 degrees of freedom gives 25/(16/4 + 1/8) = 6.06
+    /// effective degrees of freedom, truncated to 6: t(95.45 %) = 2.52.
     #[test]
     fn its_uncertainty_is_that_of_both() {
         let found =
@@ -158,7 +159,7 @@ mod tests {
         assert!((many.expanded - 10.0).abs() < 0.05 && !many.significant, "{}", many.expanded);
     }
 
-    /// Machines that have not changed: a difference is told in 4.6 of 100.
+    /// For machines that have not changed, 4.6 of 100 differences are significant.
     #[test]
     fn false_alarms_come_as_often_as_said() {
         let mut rng = stream(5, &[1]);
@@ -211,8 +212,8 @@ mod tests {
         }
     }
 
-    /// u² = 1 + 3² + 0.5² and 1.2² + 2² + 0.5², of which the probe has 3 and 2 in both: the variance of the
-    /// difference is 1 + 1.44 + 2·0.25 + (3 − 2)² = 3.94.
+    /// u² = 1 + 3² + 0.5² and 1.2² + 2² + 0.5². The probe contributes 3 and 2 and is common to both results:
+    /// the variance of the difference is 1 + 1.44 + 2·0.25 + (3 − 2)² = 3.94.
     #[test]
     fn common_sources_cancel() {
         use EvaluationType::{A, B};
@@ -244,7 +245,7 @@ mod tests {
         let few = Parameter { dof: Some(2.0 * (5.69f64 / 3.94).powi(2)), ..other.clone() };
         let found = difference(&one, &few, &common).unwrap();
         assert!((found.expanded / 3.94f64.sqrt() - 4.53).abs() < 0.005, "{}", found.expanded);
-        // Nothing but a common source: equal values agree, others do not.
+        // With a common source only, equal values agree and different values do not.
         let whole = |value| with_budget(value, &[("probe lobing", B, 3.0)]);
         let found = difference(&whole(1.0), &whole(1.0), &common).unwrap();
         assert_eq!((found.expanded, found.normalized, found.significant), (0.0, 0.0, false));

@@ -1,26 +1,27 @@
-//! Functions of two results beside each other, after a common gauge.
+//! Comparison of the functions of two estimates, relative to a common reference point.
 
 use serde::Serialize;
 
 use super::difference::normalized_error;
 use machine::record::estimate::{Estimate, FigureKind, Function, Unit};
 
-/// The second function less the first.
+/// Difference of one function, second result minus first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FunctionDifference {
     pub symbol: String,
     pub argument: String,
     pub argument_unit: String,
     pub unit: Unit,
-    /// Functions of an angle are compared less their value at this argument; `null`: as they are.
+    /// Argument of the reference point. Functions of an angle are compared after their value at this argument
+    /// is subtracted; `null`: they are compared as they are.
     pub gauge_at: Option<f64>,
-    /// Arguments; without that of the gauge, where the difference is zero by definition.
+    /// Arguments, without that of the reference point, where the difference is zero by definition.
     pub x: Vec<f64>,
     pub by: Vec<f64>,
     /// Expanded uncertainty of `by`.
     #[serde(rename = "U")]
     pub expanded: Vec<f64>,
-    /// |by|/U (ISO 13528): the results agree up to 1.
+    /// Normalized error |by|/U (ISO 13528): the results agree up to 1.
     #[serde(rename = "E_n")]
     pub normalized: Vec<f64>,
 }
@@ -32,7 +33,7 @@ impl FunctionDifference {
             .max_by(|i, j| self.normalized[*i].total_cmp(&self.normalized[*j]))
     }
 
-    /// Points that agree.
+    /// Number of points that agree.
     pub fn agreeing(&self) -> usize {
         self.normalized.iter().filter(|e_n| **e_n <= 1.0).count()
     }
@@ -49,9 +50,9 @@ impl FunctionDifference {
     }
 }
 
-/// Of all functions that both have, in the order of the first, with the coverage factor `k`. Results state
-/// u of each point and no covariance: the u of both functions, at the point and at the gauge, are taken
-/// as independent and added in quadrature.
+/// Differences of all functions that both results have, in the order of the first, with the coverage factor
+/// `k`. Results state u of each point without covariance. The u of both functions, at the point and at the
+/// reference point, therefore count as independent and are added in quadrature.
 pub fn function_differences(
     first: &Estimate,
     second: &Estimate,
@@ -64,7 +65,7 @@ pub fn function_differences(
     pairs.filter_map(|(one, other)| difference(one, other, k)).collect()
 }
 
-/// A function without a stated uncertainty, such as residuals, is not compared.
+/// A function without a stated uncertainty, such as residuals, is not comparable.
 fn is_comparable(one: &Function, other: &Function) -> bool {
     let is_stated = |function: &Function| function.u.iter().any(|u| *u > 0.0);
     let of = |f: &Function| (f.symbol.clone(), f.argument_unit.clone(), f.unit);
@@ -76,7 +77,7 @@ fn is_comparable(one: &Function, other: &Function) -> bool {
         && is_stated(other)
 }
 
-/// Its points are those of a curve.
+/// Whether its points are those of a curve.
 fn is_continuous(function: &Function) -> bool {
     matches!(function.figure, FigureKind::Curve | FigureKind::Polar)
 }
@@ -89,7 +90,7 @@ struct Point {
     u: f64,
 }
 
-/// Finite points of a function, by rising argument.
+/// Finite points of a function, by increasing argument.
 struct Points(Vec<Point>);
 
 impl Points {
@@ -102,7 +103,7 @@ impl Points {
         Self(points)
     }
 
-    /// Linear between its points; `None` outside of them.
+    /// Linear interpolation between the points; `None` outside of them.
     fn at(&self, x: f64) -> Option<Point> {
         let next = self.0.partition_point(|point| point.x < x);
         let after = *self.0.get(next)?;
@@ -115,13 +116,13 @@ impl Points {
         Some(Point { x, y: between(before.y, after.y), u: between(before.u, after.u) })
     }
 
-    /// Only where it has a point itself.
+    /// Value at an argument that is one of the points.
     fn exactly_at(&self, x: f64) -> Option<Point> {
         self.at(x).filter(|_| self.0.iter().any(|point| point.x == x))
     }
 }
 
-/// `None` without a common argument.
+/// `None`: the functions have no common argument.
 fn difference(one: &Function, other: &Function, k: f64) -> Option<FunctionDifference> {
     let is_continuous = is_continuous(one);
     let points = [one, other].map(Points::of);
@@ -129,7 +130,7 @@ fn difference(one: &Function, other: &Function, k: f64) -> Option<FunctionDiffer
         true => Some([points[0].at(x)?, points[1].at(x)?]),
         false => Some([points[0].exactly_at(x)?, points[1].exactly_at(x)?]),
     };
-    // The arguments of the coarser one within the range of both.
+    // The arguments of the function with fewer points, within the range of both.
     let common = |of: &Points| -> Vec<[Point; 2]> {
         let mut x: Vec<f64> = of.0.iter().map(|point| point.x).collect();
         x.dedup();
@@ -181,8 +182,8 @@ mod tests {
         assert!(found.iter().zip(expected).all(is_near), "{found:?} {expected:?}");
     }
 
-    /// The second one is coarser and shifted by 5 µm. At 90° the first is 1.5 between 1 and 2: against its
-    /// value 1 at 0° it is 0.5, the second 3. U = 2·√(2·0.3² + 2·0.4²) = √2.
+    /// The second function has fewer points and an offset of 5 µm. At 90° the first is 1.5, between 1 and 2;
+    /// minus its value 1 at 0° this is 0.5, against 3 of the second. U = 2·√(2·0.3² + 2·0.4²) = √2.
     #[test]
     fn functions_are_compared_from_their_value_at_zero() {
         let one = function(&[0.0, 60.0, 120.0, 180.0, 240.0], &[1.0, 1.0, 2.0, 2.0, 0.0], 0.3);
@@ -197,19 +198,19 @@ mod tests {
         near(&back.by, &[-2.5, 0.0]);
     }
 
-    /// Without 0° within both the gauge is the first common angle.
+    /// If 0° is not within the range of both functions, the reference point is the first common angle.
     #[test]
     fn the_gauge_is_within_both() {
         let one = function(&[30.0, 60.0, 90.0], &[1.0, 2.0, 4.0], 0.1);
         let other = function(&[45.0, 60.0, 90.0], &[0.0, 0.0, 0.0], 0.1);
         let found = difference(&one, &other, 2.0).unwrap();
-        // Both have two arguments and more in common; the coarser one has 60° and 90° alone.
+        // Both functions have two common arguments; of the function with fewer points these are 60° and 90°.
         assert_eq!((found.gauge_at, &found.x[..]), (Some(60.0), &[90.0][..]));
         near(&found.by, &[-2.0]);
         assert_eq!(difference(&one, &function(&[100.0, 120.0], &[0.0, 0.0], 0.1), 2.0), None);
     }
 
-    /// Nothing lies between orders or balls, and they have no gauge.
+    /// Functions of orders or balls are not interpolated and have no reference point.
     #[test]
     fn single_points_are_compared_as_they_are() {
         let points = |x: &[f64], y: &[f64]| Function {

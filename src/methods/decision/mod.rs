@@ -1,4 +1,4 @@
-//! Decision rules, and what a machine's history says.
+//! Decision rules, and the evaluation of a machine's history.
 
 pub mod difference;
 pub mod function_difference;
@@ -12,10 +12,11 @@ use machine::record::estimate::{Estimate, Judgement, Limit, Parameter, Verdict};
 const DECISION_RULE: &str = "guard bands of U on both sides (ISO 14253-1): pass if the whole interval lies within the \
                              limit, fail if it lies outside; the worst parameter decides";
 
-/// Judges every parameter that has a limit. With the expanded uncertainty as guard band on both sides (ISO 14253-1):
-/// pass only if the whole interval lies inside, fail only if it lies outside, otherwise undecided. The worst parameter
-/// decides; a limit for something that was not estimated, or in another unit, leaves it undecided; without any limit
-/// there is no verdict. A misfit that the identification has found stands, whatever the limits.
+/// Judges every parameter that has a limit. The expanded uncertainty is the guard band on both sides (ISO
+/// 14253-1): a parameter passes only if the whole interval lies inside the limits, fails only if it lies
+/// outside, and is undecided otherwise. The worst parameter decides. A limit for a parameter that was not
+/// estimated, or that has another unit, leaves the verdict undecided. Without any limit there is no verdict.
+/// A misfit that the identification has found takes precedence over the limits.
 pub fn judge(estimate: &mut Estimate, limits: &[Limit]) {
     let contradicted = estimate.verdict == Verdict::UndecidedModel;
     let mut verdicts = Vec::new();
@@ -46,7 +47,7 @@ pub fn judge(estimate: &mut Estimate, limits: &[Limit]) {
     };
 }
 
-/// Limits that no parameter of the estimate answers to, in words.
+/// Limits that match no parameter of the estimate, in words.
 pub fn unmatched(estimate: &Estimate, limits: &[Limit]) -> Vec<String> {
     let known = |limit: &&Limit| {
         estimate.parameters.iter().any(|p| p.symbol == limit.symbol && p.unit == limit.unit)
@@ -118,8 +119,8 @@ mod tests {
         assert_eq!(verdict(&one(f64::NAN, 2.0)), Verdict::Undecided);
     }
 
-    /// By tables: of a normal distribution one and two standard deviations hold 84.13 and 97.72 % below them; of
-    /// Student's with 5 degrees of freedom 2.015 hold 95 %.
+    /// Values from tables: 84.13 % and 97.72 % of a normal distribution lie below one and two standard
+    /// deviations; 95 % of Student's distribution with 5 degrees of freedom lies below 2.015.
     #[test]
     fn the_probability_of_conformance_is_that_of_tables() {
         let near = |parameter: &Parameter, expected: f64| {
@@ -129,7 +130,7 @@ mod tests {
         near(&one(9.0, 2.0), 0.8413);
         near(&one(-8.0, 2.0), 0.9772);
         near(&one(12.0, 2.0), 0.0228);
-        // Both limits count where u is large.
+        // With a large u both limits count.
         near(&one(0.0, 20.0), 0.6827);
         near(&Parameter { dof: Some(5.0), ..one(10.0 - 2.015, 2.0) }, 0.9500);
         assert_eq!(judge_one(&one(f64::NAN, 2.0), 10.0, false).conformance, None);

@@ -1,23 +1,23 @@
-//! Whether a machine stands as it stood: the references measured again after a stop, each against
-//! its last value before.
+//! Reference check after a stop: the references are measured again, and each is compared with its last value
+//! before the stop.
 
 use estimation::coverage;
 use machine::record::plan::{Plan, Step, StepKind};
 
-/// An honest machine stays within the limits of all its references with this probability, however many
-/// they are: a false refusal in 1.1 % of stops is seldom enough not to teach people to distrust it. Of
-/// four references (0°, 90°, 180°, Z) each is then granted ±3 standard deviations, of the 26 points of a
-/// scan ±3.5 each.
+/// Probability that an unchanged machine stays within the limits of all its references, whatever their
+/// number. A false refusal in 1.1 % of stops is rare enough to keep the operator's trust. Each of four
+/// references (0°, 90°, 180°, Z) then has limits of ±3 standard deviations, each of the 26 points of a scan
+/// ±3.5.
 const ALL_INSIDE: f64 = 0.989_244_470_5;
-/// Drift is granted up to so many times what the touches themselves may differ by. A reference that
-/// may move by more tells nothing any more: after so long a stop a new run is the honest way.
+/// Maximum allowance for drift, as a multiple of the standard deviation of the touch difference. A reference
+/// that may move more gives no information; after so long a stop a new run is needed.
 const DRIFT_GRANTED: f64 = 3.0;
 
-/// A reference before the stop and after it.
+/// Measurements of one reference before and after the stop.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Pair {
     pub label: String,
-    /// Ball centre along the outward normal, before and after, mm.
+    /// Position of the ball centre along the outward normal, before and after, mm.
     pub position_mm: [f64; 2],
     /// Times of the two touches, s.
     pub t_s: [f64; 2],
@@ -25,20 +25,21 @@ pub struct Pair {
     pub resolution_mm: f64,
 }
 
-/// What is known of the scatter of one touch.
+/// Knowledge of the scatter of one touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Scatter {
     /// Declared standard uncertainty, mm.
     Declared { u_mm: f64 },
-    /// From the references themselves, touched again and again before the stop.
+    /// Pooled standard uncertainty from repeated touches of the references before the stop, mm.
     Pooled { u_mm: f64, dof: u32 },
-    /// Nothing but the resolution.
+    /// Only the resolution is known.
     Unknown,
 }
 
 impl Scatter {
-    /// The declared value; without one, from `series`: per reference all its values before the
-    /// stop in order, mm. Successive differences, so that slow drift does not count as scatter.
+    /// The declared scatter, or else the scatter from `series`: for each reference all its values before the
+    /// stop in order, mm. It is computed from successive differences, so that slow drift does not count as
+    /// scatter.
     pub fn of(declared_mm: Option<f64>, series: &[Vec<f64>]) -> Self {
         if let Some(u_mm) = declared_mm {
             return Self::Declared { u_mm };
@@ -54,7 +55,7 @@ impl Scatter {
         }
     }
 
-    /// Where the limit comes from, in words.
+    /// Origin of the limit, in words.
     pub fn in_words(self) -> String {
         match self {
             Self::Declared { u_mm } => {
@@ -71,7 +72,7 @@ impl Scatter {
     }
 }
 
-/// How far references may lie from where they were.
+/// Limits for the shift of the references.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
     /// Standard uncertainty of one touch, mm.
@@ -82,9 +83,9 @@ pub struct Limits {
 }
 
 impl Limits {
-    /// Of `places` references that are compared together, so that all of them agree with probability
-    /// [`ALL_INSIDE`]; scatter that the references have told of themselves makes false refusals still
-    /// rarer. `drift_mm_per_s` is the declared standard deviation of the drift's rate.
+    /// Limits for `places` references that are compared together, so that all of them agree with probability
+    /// [`ALL_INSIDE`]. Scatter that comes from the references themselves makes false refusals even rarer.
+    /// `drift_mm_per_s` is the declared standard deviation of the drift rate.
     pub fn new(scatter: Scatter, places: usize, drift_mm_per_s: f64) -> Self {
         let (u_mm, dof) = match scatter {
             Scatter::Declared { u_mm } => (u_mm, f64::INFINITY),
@@ -95,7 +96,7 @@ impl Limits {
         Self { u_mm, factor: coverage::two_sided(inside, dof), drift_mm_per_s }
     }
 
-    /// k·√(2·u_touch² + u_drift²) and one step of resolution, mm; u_drift is bounded.
+    /// k·√(2·u_touch² + u_drift²) plus one step of resolution, mm; u_drift is bounded.
     fn of(&self, pair: &Pair) -> f64 {
         let rounding = pair.resolution_mm / 12f64.sqrt();
         let [before, after] = pair.t_s;
@@ -105,7 +106,7 @@ impl Limits {
     }
 }
 
-/// How many places a plan's references compare, of those that are measured in one stage.
+/// Number of places that the references of a plan compare, counting the references of one stage.
 pub fn places(plan: &Plan) -> usize {
     let references = || plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
     let first = references().next().map(|step| step.stage);
@@ -114,11 +115,11 @@ pub fn places(plan: &Plan) -> usize {
     together.map(points).sum()
 }
 
-/// How far one reference lies from where it was, and how far it may.
+/// Shift of one reference, and its limit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Shift {
     pub label: String,
-    /// Along the outward normal.
+    /// Shift along the outward normal, mm.
     pub shift_mm: f64,
     pub limit_mm: f64,
 }
@@ -134,10 +135,10 @@ impl Shift {
     }
 }
 
-/// So many are told one by one.
+/// Maximum number of shifts that a message lists.
 const TOLD: usize = 4;
 
-/// All of a few; of many those that are farthest off, by their limits.
+/// Lists all shifts if there are few, otherwise the largest relative to their limits.
 pub fn in_words(shifts: &[Shift]) -> String {
     let mut told: Vec<&Shift> = shifts.iter().collect();
     if told.len() > TOLD {
@@ -182,24 +183,24 @@ mod tests {
         let shift = Shift::of(&pair(2.0e-3, 0.0), &declared(0.0));
         assert!((shift.limit_mm - 3.0 * 0.5e-3 * 2f64.sqrt()).abs() < 1e-9);
         assert!(shift.agrees() && !Shift::of(&pair(-2.2e-3, 0.0), &declared(0.0)).agrees());
-        // 5 µm/h over a quarter of an hour: 3·1.25 µm beside the touches.
+        // Drift of 5 µm/h over a quarter of an hour: 3·1.25 µm in addition to the touches.
         let slow = Shift::of(&pair(0.0, 900.0), &declared(5.0));
         assert!((slow.limit_mm - 3.0 * (0.5e-6f64 + 1.25e-3f64.powi(2)).sqrt()).abs() < 1e-9);
-        // Over a weekend: a part that moved by 20 µm is still found out.
+        // Over a weekend a part that moved by 20 µm is still detected.
         let weekend = Shift::of(&pair(20e-3, 200_000.0), &declared(5.0));
         assert!((weekend.limit_mm - 3.0 * (0.5e-6f64 * 10.0).sqrt()).abs() < 1e-9);
         assert!(!weekend.agrees());
         assert_eq!(shift.to_string(), "R1/P090 moved by +2.0 µm (limit 2.1 µm)");
     }
 
-    /// Of `stops` stops of a machine that has moved by `shift` standard deviations of a touch, how many
-    /// refuse: with declared scatter, and with scatter pooled from two rounds before the stop and two
-    /// after it.
+    /// Share of refused stops, out of `stops`, for a machine that has moved by `shift` standard deviations of
+    /// a touch: with declared scatter, and with scatter pooled from two rounds before the stop and two after
+    /// it.
     fn refused(places: usize, shift: f64, stops: u32) -> [f64; 2] {
         const U_MM: f64 = 1e-3;
         let mut rng = estimation::random::stream(5, &[places as u64]);
         let declared = Limits::new(Scatter::of(Some(U_MM), &[]), places, 0.0);
-        // The factor depends on how many there are alone: it is computed once, as in a run.
+        // The factor depends only on the number of places, so it is computed once, as in a run.
         let pooled =
             Limits::new(Scatter::Pooled { u_mm: 1.0, dof: 2 * places as u32 }, places, 0.0);
         let mut alarms = [0_u32; 2];
@@ -224,19 +225,19 @@ mod tests {
         alarms.map(|count| f64::from(count) / f64::from(stops))
     }
 
-    /// By drawing: the false alarm of 1.1 % of stops does not grow with the places, and a shift that
-    /// matters is seen all the same.
+    /// By simulation: the false alarm rate of 1.1 % of stops does not grow with the number of places, and a
+    /// relevant shift is detected.
     #[test]
     fn false_alarms_are_as_rare_as_promised_however_many_places_are_compared() {
         for places in [1, 4, 26] {
             let [declared, pooled] = refused(places, 0.0, 20_000);
             println!("{places} places: {declared} of stops, {pooled} with pooled scatter");
-            // Four standard deviations of the count.
+            // Tolerance: four standard deviations of the count.
             assert!((declared - (1.0 - ALL_INSIDE)).abs() < 0.003, "{places}: {declared}");
-            // References that tell their own scatter share it with the shift.
+            // With pooled scatter, a shift between the rounds also increases the scatter.
             assert!((0.002..0.0138).contains(&pooled), "{places}: {pooled}");
         }
-        // What moves by 8 standard deviations of a touch (4 µm of a usual probe) is seen nearly always.
+        // A shift of 8 standard deviations of a touch (4 µm with a usual probe) is nearly always detected.
         for places in [4, 26] {
             let [declared, pooled] = refused(places, 8.0, 500);
             assert!(declared > 0.999 && pooled > 0.97, "{places}: {declared} {pooled}");

@@ -1,40 +1,40 @@
-//! The references of a plan: places that are touched, or looked at, again and again to see whether the
-//! machine stands as it stood.
+//! The references of a plan: places that are touched, or measured by a sensor, repeatedly to see whether the
+//! machine has moved.
 
 use super::references::{Limits, Pair, Scatter, Shift};
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Stage, Step, StepKind};
 use machine::record::reading::{Flag, Reading};
 use machine::{Axis, Position};
 
-/// Positions nearer than this are the same place, mm or rad.
+/// Distance below which positions are the same place, mm or rad.
 const SAME: f64 = 1e-9;
-/// Cosine of 1°.
+/// Cosine of 1°, the angle within which two directions are the same.
 const SAME_WAY: f64 = 0.999_85;
 
-/// One place, and what was read there before the stop.
+/// One place and its readings before the stop.
 struct Place<'a> {
-    /// The newest step that touched it.
+    /// The newest step that touched the place.
     step: &'a Step,
     point: usize,
-    /// In the order of measurement.
+    /// Visits in the order of measurement.
     visits: Vec<Visit<'a>>,
 }
 
-/// What one touch of a place said, or the mean of all samples that were taken there at once. Of a scan
-/// each point is a place: its flanks see what moves across the beam.
+/// Reading of one touch of a place, or the mean of all samples taken there at one time. Each point of a scan
+/// is a place of its own: the points on the flanks detect a displacement across the beam.
 #[derive(Clone, Copy)]
 struct Visit<'a> {
     step: &'a Step,
-    /// Number within the scan: point after point, and at each of them sensor after sensor.
+    /// Number within the scan: point by point, and at each point sensor by sensor.
     point: usize,
     repeat: u32,
-    /// Where the surface was found, against the direction of the touch or along the scan's normal, mm.
+    /// Position of the surface against the direction of the touch, or along the normal of the scan, mm.
     outward_mm: f64,
     t_s: f64,
 }
 
-/// Of the references, in the order of measurement; what is flagged says nothing, but for what is good and
-/// has lost others before it.
+/// Visits of the references, in the order of measurement. Flagged readings are ignored, except good ones
+/// before which others were lost.
 fn visits<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Visit<'a>> {
     let good = |reading: &&Reading| matches!(reading.flag, Flag::None | Flag::Gap);
     let same =
@@ -55,7 +55,7 @@ fn visits<'a>(plan: &'a Plan, readings: &[Reading]) -> Vec<Visit<'a>> {
     steps.flat_map(|step| step.chunk_by(stands).enumerate().filter_map(visit)).collect()
 }
 
-/// What was read since the artefact was mounted anew for the last time: only that can be compared.
+/// Readings since the artefact was last mounted; only these can be compared.
 fn since_last_mount<'r>(plan: &Plan, readings: &'r [Reading]) -> &'r [Reading] {
     let last_read = readings.iter().map(|reading| reading.step).max();
     let mounts = plan.steps.iter().filter(|step| step.mount.is_some() && Some(step.id) < last_read);
@@ -71,8 +71,8 @@ pub struct References<'a> {
 }
 
 impl<'a> References<'a> {
-    /// What was measured again after an earlier stop counts only if the run went on after it:
-    /// otherwise nobody has found it to agree.
+    /// Readings that were repeated after an earlier stop count only if the run continued after them;
+    /// otherwise their agreement was never confirmed.
     pub fn of(plan: &'a Plan, readings: &'a [Reading]) -> Self {
         let ordinary = |reading: &Reading| reading.repeat < REPEAT_AFTER_STOP;
         let agreed = readings.iter().rposition(ordinary).map_or(0, |last| last + 1);
@@ -95,21 +95,21 @@ impl<'a> References<'a> {
         Self { plan, places }
     }
 
-    /// Whether they see what they are there for: every direction in which the plan's references
-    /// touch was touched before the stop.
+    /// Whether the places cover every direction in which the references of the plan touch: each direction was
+    /// touched before the stop.
     pub fn see_all(&self) -> bool {
         let mut wanted = self.plan.steps.iter().filter(|step| step.kind == StepKind::Reference);
         !self.places.is_empty()
             && wanted.all(|step| self.places.iter().any(|place| same_way(place.step, step)))
     }
 
-    /// All places once more, after the given stages.
+    /// The stage that measures all places again, after the given stages.
     pub fn stage(&self, stages: &[Stage]) -> Stage {
         let stops = stages.iter().filter(|stage| stage.repeat >= REPEAT_AFTER_STOP).count();
         let last = stages.last();
         let touches =
             |stage: &&Stage| self.places.iter().any(|place| stage.steps.contains(&place.step.id));
-        // They were planned for what was found there, not for what a later stage searches.
+        // The steps are planned for the artefact as found in that stage, not for what a later stage searches.
         let mut steps: Vec<u32> = self.places.iter().map(|place| place.step.id).collect();
         // The points of a scan are places of one step.
         steps.dedup();
@@ -123,20 +123,21 @@ impl<'a> References<'a> {
         }
     }
 
-    /// How often the references are touched after a stop: where nobody has declared how touches
-    /// repeat, they must tell that themselves.
+    /// Number of times that the references are touched after a stop. If the repeatability of touches is not
+    /// declared, it must come from the references themselves.
     pub fn rounds(&self) -> u32 {
         if self.declared_mm().is_some() { 1 } else { 2 }
     }
 
-    /// Of a touch. How means of samples repeat is not declared: the machine's part in it is not.
+    /// Declared repeatability of a touch, mm. The repeatability of means of samples is not declared: the part
+    /// of the machine is unknown.
     fn declared_mm(&self) -> Option<f64> {
         let touched = self.plan.sensors.is_empty();
         self.plan.probe.repeatability_um.filter(|_| touched).map(|um| um * 1e-3)
     }
 
-    /// Each place, its first reading after the stop (of `readings`) against its last one before; and
-    /// what the limits follow from.
+    /// Compares the first reading of each place after the stop (from `readings`) with its last one before,
+    /// and returns the shifts and the scatter that the limits follow from.
     pub fn compare(&self, readings: &[Reading]) -> (Vec<Shift>, Scatter) {
         let again = visits(self.plan, readings);
         let after = |place: &Place<'_>| -> Vec<f64> {
@@ -166,14 +167,14 @@ impl<'a> References<'a> {
         (shifts, scatter)
     }
 
-    /// Places of which `readings` say nothing.
+    /// Labels of the places that have no reading in `readings`.
     pub fn unseen(&self, readings: &[Reading]) -> Vec<String> {
         let again = visits(self.plan, readings);
         let is_seen = |place: &&Place<'_>| !again.iter().any(|visit| place.is_of(visit));
         self.places.iter().filter(is_seen).map(Place::label).collect()
     }
 
-    /// One step of the displayed axes along the touch, mm.
+    /// One step of the displayed position along the touch, mm.
     fn resolution(&self, step: &Step) -> f64 {
         let width = |axis| self.plan.machine.axes.get(&axis).map_or(0.0, |spec| spec.resolution_um);
         let parts = direction(step).map(|(axis, part)| (part * width(axis) * 1e-3).powi(2));
@@ -200,17 +201,17 @@ impl Place<'_> {
         }
     }
 
-    /// What the ordinary passes read here.
+    /// Readings of the place before any stop, mm.
     fn series(&self) -> Vec<f64> {
         let ordinary = self.visits.iter().filter(|visit| visit.repeat < REPEAT_AFTER_STOP);
         ordinary.map(|visit| visit.outward_mm).collect()
     }
 }
 
-/// What the references that were measured again after the stop at `gap_s` grant each of their places, mm: as
-/// the run has compared them. `None`: `readings`, in the order of measurement, hold no such references.
+/// Largest limit of the references that were measured again after the stop at `gap_s`, mm, as the run
+/// compared them. `None`: `readings`, in the order of measurement, contain no such references.
 pub fn granted_mm(plan: &Plan, readings: &[Reading], gap_s: f64) -> Option<f64> {
-    // What was read before it may be a little out of order in time; all of it was read first.
+    // Readings before the stop may be slightly out of order in time, but precede it in the list.
     let last = readings.iter().rposition(|reading| reading.t_s <= gap_s)?;
     let (before, after) = readings.split_at(last + 1);
     let again = after.iter().take_while(|reading| reading.repeat >= REPEAT_AFTER_STOP).count();
@@ -218,7 +219,7 @@ pub fn granted_mm(plan: &Plan, readings: &[Reading], gap_s: f64) -> Option<f64> 
     shifts.iter().map(|shift| shift.limit_mm).reduce(f64::max)
 }
 
-/// Unit vector of the touch; of a scan, against the normal of what it looks at.
+/// Unit vector of the touch; for a scan, the direction opposite to the normal of its surface.
 fn direction(step: &Step) -> [(Axis, f64); 3] {
     let way = match step.scan {
         None => Axis::LINEAR.map(|axis| step.to.at(axis) - step.from.at(axis)),
@@ -236,8 +237,8 @@ fn same_way(one: &Step, other: &Step) -> bool {
     along > SAME_WAY
 }
 
-/// Position against the direction of the touch, mm; of a sample how near the surface is. The axes stand
-/// at the same place then, and only changes count.
+/// Position against the direction of the touch, mm; for a sample, minus the distance to the surface. The axes
+/// are at the same position then, and only changes count.
 fn outward(step: &Step, reading: &Reading) -> f64 {
     match reading.value_mm {
         Some(distance) => -distance,
@@ -291,7 +292,7 @@ mod tests {
         flags.into_iter().enumerate().map(reading).collect()
     }
 
-    /// A place that is not seen again is no place that agrees.
+    /// A place without a new reading does not count as agreeing.
     #[test]
     fn what_was_not_seen_again_is_named() {
         let (plan, before) = (plan(), readings(0, [Flag::None; 3]));
@@ -307,8 +308,8 @@ mod tests {
         assert_eq!(references.unseen(&[]).len(), 3);
     }
 
-    /// A sensor's samples of one point may end later than those of the next: what the stop follows was read
-    /// before it all the same.
+    /// The samples of one point may end later than those of the next one. They still count as readings before
+    /// the stop.
     #[test]
     fn readings_a_little_out_of_order_hide_no_references() {
         let (plan, seen) = (plan(), [Flag::None; 3]);

@@ -1,4 +1,4 @@
-//! How far the tool is off, anywhere in the volume, by the errors of an estimate.
+//! Error of the tool at any pose in the working volume, from the errors of an estimate.
 
 mod slices;
 #[cfg(test)]
@@ -24,7 +24,8 @@ use machine::record::estimate::Estimate;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
-/// From the tip along the tool to the point whose error gives that of the direction, mm.
+/// Distance along the tool from the tip to the second point from which the error of the direction is
+/// computed, mm.
 const ALONG_MM: f64 = 256.0;
 
 const EXTRAPOLATE: &str = "leave the pose out, or ask for extrapolation (--extrapolate)";
@@ -32,30 +33,33 @@ const EXTRAPOLATE: &str = "leave the pose out, or ask for extrapolation (--extra
 /// Errors at one pose, in the table frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseError {
-    /// Where the tip truly is less where the nominal machine has it, less the same at the zero pose, mm.
+    /// True minus nominal position of the tip, minus the same at the work zero, mm.
     pub tip_mm: Vector3<f64>,
     pub u_tip_mm: Vector3<f64>,
-    /// True less nominal direction of the tool, from its tip to the spindle, rad. Nothing is zeroed.
+    /// True minus nominal direction of the tool, from its tip to the spindle, rad. The work zero has no
+    /// effect on it.
     pub direction: Vector3<f64>,
     pub u_direction: Vector3<f64>,
 }
 
-/// Error of the tip against the work zero in the table frame, mm, and its derivatives by the errors of the axes.
+/// Error of the tip relative to the work zero in the table frame, mm, and its derivatives by the errors of
+/// the axes.
 #[derive(Debug, Clone)]
 pub struct TipError {
     mm: Vector3<f64>,
     columns: Vec<Vector3<f64>>,
 }
 
-/// Where the work zero is set: there the tip has no error by definition.
+/// Pose of the work zero, where the tip has no error by definition.
 #[derive(Debug, Clone, PartialEq)]
 pub enum WorkZero {
-    /// Once, with the tip on the origin of the table and all rotary axes at 0; tool-centre control follows the
-    /// workpiece from there.
+    /// Set once, with the tip on the origin of the table and all rotary axes at 0. From there tool centre
+    /// point control follows the workpiece.
     OnTable,
-    /// Once, at this pose.
+    /// Set once, at this pose.
     At(Position),
-    /// Without tool-centre control: at each position of the rotary axes anew, with the tip on the origin of the table.
+    /// Without tool centre point control: set again at each position of the rotary axes, with the tip on the
+    /// origin of the table.
     EachTime,
 }
 
@@ -63,20 +67,20 @@ pub struct Predictor<'a> {
     chain: Chain,
     known: KnownErrors<'a>,
     tip: Point<Spindle>,
-    /// Ranges of the axes that the estimate was measured over, mm and degrees; empty: not known.
+    /// Ranges of the axes over which the estimate was measured, mm and degrees; empty: unknown.
     measured: &'a BTreeMap<Axis, [f64; 2]>,
-    /// `None`: that of each position of the rotary axes.
+    /// Pose of the work zero. `None`: a work zero for each position of the rotary axes.
     zero_at: Option<Position>,
-    /// What is zeroed there.
+    /// Displacement at the work zero.
     zero: Option<Displacement>,
 }
 
-/// Of the tip in the table frame, and its derivatives by the errors.
+/// Displacement of a point in the table frame, and its derivatives by the errors.
 type Displacement = (Vector3<f64>, Vec<Vector3<f64>>);
 
 impl<'a> Predictor<'a> {
     /// # Errors
-    /// A machine without kinematics; an estimate without errors of its axes.
+    /// The machine has no kinematics; the estimate has no errors of its axes.
     pub fn new(machine: &Machine, estimate: &'a Estimate, zero: WorkZero) -> Result<Self, Refused> {
         let chain = Chain::new(machine)?;
         let known = KnownErrors::of(estimate, &chain)?;
@@ -96,11 +100,11 @@ impl<'a> Predictor<'a> {
         self
     }
 
-    /// The same machine after these of its errors are corrected by their estimated values: what the estimate is off
-    /// by stays.
+    /// The machine after a correction of the errors `symbols` by their estimated values. The uncertainty of
+    /// these values remains.
     ///
     /// # Errors
-    /// A symbol that is no error of the estimate.
+    /// A symbol is not an error of the estimate.
     pub fn corrected(mut self, symbols: &[&str]) -> Result<Self, Refused> {
         for symbol in symbols {
             let place = self.known.symbols.iter().position(|known| known == symbol);
@@ -115,7 +119,7 @@ impl<'a> Predictor<'a> {
         Ok(self.zeroed())
     }
 
-    /// What the prediction holds, and what it does not, in words.
+    /// Errors that the prediction includes, and what it does not include, in words.
     pub fn model_in_words(&self) -> String {
         format!(
             "by {} of the estimate of {}; all other errors of the machine count as 0, without uncertainty",
@@ -124,15 +128,15 @@ impl<'a> Predictor<'a> {
         )
     }
 
-    /// Symbols of the errors of the axes that the estimate holds.
+    /// Symbols of the axis errors in the estimate.
     pub fn symbols(&self) -> &[&'a str] {
         &self.known.symbols
     }
 
-    /// Where the work zero is set.
+    /// Displacement at the work zero.
     fn zero(&self, at: &Position) -> Displacement {
         self.zero.clone().unwrap_or_else(|| {
-            // X, Y, Z that span space with all axes at 0 do so everywhere.
+            // X, Y, Z that are linearly independent with all axes at 0 are so everywhere.
             let zero = on_table(&self.chain, self.tip, at).unwrap_or_default();
             self.of_point(&at.updated_by(&zero), self.tip)
         })
@@ -146,10 +150,11 @@ impl<'a> Predictor<'a> {
         (off, chain.jacobian(at, point, &known.errors, &known.parameters()))
     }
 
-    /// Refuses a pose outside the ranges that the estimate was measured over; an axis that it does not name stands at 0.
+    /// Checks that a pose lies within the ranges over which the estimate was measured. An axis that the pose
+    /// does not name is at 0.
     ///
     /// # Errors
-    /// The axis, or that the estimate does not say what it was measured over.
+    /// An axis is outside its range; the estimate does not state the ranges.
     pub fn check(&self, at: &Position) -> Result<(), Refused> {
         self.check_ranges()?;
         for (axis, value) in at.iter().filter(|(axis, _)| !self.measured.contains_key(axis)) {
@@ -190,7 +195,7 @@ impl<'a> Predictor<'a> {
     fn with_direction(&self, at: &Position, tip: &TipError) -> PoseError {
         let above = Point::from_vec(self.tip.mm + Vector3::z() * ALONG_MM);
         let (above, columns) = self.of_point(at, above);
-        // Nothing is zeroed in a direction.
+        // The work zero does not affect a direction.
         let (zero, zero_columns) = self.zero(at);
         let own = tip.columns.iter().zip(&zero_columns);
         let turned: Vec<Vector3<f64>> = columns
@@ -212,18 +217,18 @@ impl<'a> Predictor<'a> {
         TipError { mm: tip - zero, columns: less(&columns, &zero_columns) }
     }
 
-    /// One tip a pose, on all cores.
+    /// The error of the tip at each pose, computed in parallel.
     pub fn tips(&self, poses: &[Position]) -> Vec<TipError> {
         poses.par_iter().map(|at| self.tip_at(at)).collect()
     }
 
-    /// One error a pose, of its tip.
+    /// The error of each pose, from the error of its tip.
     pub fn with_directions(&self, poses: &[Position], tips: &[TipError]) -> Vec<PoseError> {
         poses.par_iter().zip(tips).map(|(at, tip)| self.with_direction(at, tip)).collect()
     }
 }
 
-/// X, Y, Z that bring the tip to the origin of the table.
+/// X, Y, Z that move the tip to the origin of the table.
 fn on_table(
     chain: &Chain,
     tip: Point<Spindle>,

@@ -1,32 +1,33 @@
-//! The error of the tip over two axes at a time, the others standing: before a correction, and what may be left after it.
+//! Error of the tip over two axes at a time, with the others fixed: before a correction, and the uncertainty
+//! that remains after it.
 
 use super::Predictor;
 use crate::Refused;
 use machine::{Axis, Position};
 
-/// Positions of an axis over its range.
+/// Number of positions of an axis over its range.
 const POSITIONS: usize = 7;
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Slice {
-    /// Axes and their positions, mm and degrees: from left to right, upwards.
+    /// The two axes and their positions, mm and degrees: horizontal (`across`) and vertical (`up`).
     pub across: (Axis, Vec<f64>),
     pub up: (Axis, Vec<f64>),
-    /// Where the other axes stand.
+    /// Positions of the other axes.
     pub others: Position,
     /// Length of the error of the tip, row by row upwards, mm.
     pub error_mm: Vec<Vec<f64>>,
-    /// Its standard uncertainty, √(u_x² + u_y² + u_z²), mm: after a correction of all errors this is left.
+    /// Its standard uncertainty, √(u_x² + u_y² + u_z²), mm. It remains after a correction of all errors.
     pub u_mm: Vec<Vec<f64>>,
 }
 
 impl Predictor<'_> {
-    /// X and Y in the middle of Z with the rotary axes at 0 or next to it, and at the lowest, the middle and the highest Z
-    /// with the rotary axes as in `at`; two rotary axes with X, Y and Z in their middle. Of axes that the estimate was
-    /// measured over; what it lacks is left out.
+    /// Slices over X and Y at mid Z with the rotary axes at 0 or the nearest measured position; over X and Y
+    /// at the lowest, the middle and the highest Z with the rotary axes as in `at`; and over two rotary axes
+    /// with X, Y and Z at mid range. Axes over which the estimate was not measured are left out.
     ///
     /// # Errors
-    /// The estimate does not say what it was measured over.
+    /// The estimate does not state the ranges over which it was measured.
     pub fn slices(&self, at: &Position) -> Result<Vec<Slice>, Refused> {
         self.check_ranges()?;
         let ranged = |axis: &Axis| self.measured.get(axis).filter(|[least, most]| least < most);

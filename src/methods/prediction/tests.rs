@@ -1,4 +1,4 @@
-//! Against the machine of paper 4 as plain matrix products.
+//! Comparison with the machine of paper 4, computed by plain matrix products.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -50,7 +50,7 @@ fn errors_are_those_of_the_matrix_products() {
         };
         of(&truth) - of(&nominal)
     };
-    // The tip on the origin of the table.
+    // The tip is on the origin of the table.
     let zero = ([0.0, 0.0, -machine.tool_mm[2]], [0.0; 3]);
     let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
     for (xyz, triple) in POSES {
@@ -64,7 +64,8 @@ fn errors_are_those_of_the_matrix_products() {
     assert!(predictor.at(&elsewhere).tip_mm.norm() < 1e-12);
 }
 
-/// Without tool-centre control: at each position of the rotary axes the tip has no error on the origin of the table.
+/// Without tool centre point control the tip has no error at the origin of the table, at each position of the
+/// rotary axes.
 #[test]
 fn the_work_zero_is_set_anew_without_tool_centre_control() {
     let (machine, estimate) = (machine(), measured());
@@ -74,7 +75,8 @@ fn the_work_zero_is_set_anew_without_tool_centre_control() {
     let predictor = Predictor::new(&machine, &estimate, WorkZero::EachTime).unwrap();
     for (xyz, triple) in POSES {
         let off = |xyz: Vector3<f64>| truth.tip(xyz, triple) - nominal.tip(xyz, triple);
-        // The nominal tip is linear in X, Y and Z: they bring it to the origin.
+        // The nominal tip position is linear in X, Y and Z, so that they can be solved to bring it to the
+        // origin.
         let at_zero = nominal.tip(Vector3::zeros(), triple);
         let axis = |k: usize| nominal.tip(Vector3::ith(k, 1.0), triple) - at_zero;
         let columns = Matrix3::from_columns(&[axis(0), axis(1), axis(2)]);
@@ -85,8 +87,9 @@ fn the_work_zero_is_set_anew_without_tool_centre_control() {
     }
 }
 
-/// A correction takes the error and leaves its uncertainty: an offset of C of u = 2 µm moves the tip by twice itself at
-/// C = 180°, and the size of a normal quantity is below 2u with the probability of k = 2.
+/// A correction removes the error and leaves its uncertainty. An offset of C of u = 2 µm moves the tip by
+/// twice its value at C = 180°. The absolute value of a normal quantity is below 2u with the probability of k
+/// = 2.
 #[test]
 fn a_correction_leaves_the_uncertainty() {
     let mut estimate = measured();
@@ -119,7 +122,7 @@ fn a_correction_leaves_the_uncertainty() {
     assert!(new().corrected(&["EX9C"]).is_err_and(|why| why.instead.contains("EX0C")));
 }
 
-/// Slices are the errors of poses, the others standing as asked.
+/// The values of slices are the errors of single poses with the other axes as given.
 #[test]
 fn slices_are_made_of_poses() {
     let (machine, mut estimate) = (machine(), measured());
@@ -147,7 +150,8 @@ fn slices_are_made_of_poses() {
     );
 }
 
-/// An offset of C along X: zeroed at C = 0, it is twice itself at C = 180°, and as much along X as along Y at 90°.
+/// An offset of C along X with the work zero at C = 0: the uncertainty of the tip is twice that of the offset
+/// at C = 180°, and equal along X and Y at 90°.
 #[test]
 fn uncertainty_is_zeroed_too() {
     let mut estimate = measured();
@@ -165,7 +169,7 @@ fn uncertainty_is_zeroed_too() {
     near(u(0.0, &predictor), [0.0, 0.0, 0.0]);
     near(u(std::f64::consts::PI, &predictor), [4.0, 0.0, 0.0]);
     near(u(std::f64::consts::FRAC_PI_2, &predictor), [2.0, 2.0, 0.0]);
-    // 3 µrad about X: of the direction it is all along Y.
+    // 3 µrad about X: the uncertainty of the direction is all along Y.
     estimate.covariance.rows[offset][offset] = 0.0;
     estimate.covariance.rows[angle][angle] = 9.0;
     predictor = Predictor::new(&machine(), &estimate, WorkZero::OnTable).unwrap();
@@ -180,7 +184,7 @@ fn what_was_not_measured_is_refused() {
     assert!(predictor.check(&Position::new().with(Axis::X, 250.0).with(Axis::B, 1.0)).is_ok());
     let why = predictor.check(&position([350.0, 0.0, 0.0], [0.0; 3])).unwrap_err().why;
     assert!(why.contains("X 350.000 is outside -300.000 to 300.000"), "{why}");
-    // An axis that the pose does not name stands at 0.
+    // An axis that the pose does not name is at 0.
     let why = predictor.check(&Position::new().with(Axis::C, 1.0)).unwrap_err().why;
     assert!(why.contains("C 57.296 was not measured"), "{why}");
     estimate.measured.insert(Axis::Z, [300.0, 500.0]);
@@ -190,7 +194,7 @@ fn what_was_not_measured_is_refused() {
     estimate.measured.clear();
     let predictor = Predictor::new(&machine, &estimate, WorkZero::OnTable).unwrap();
     assert!(predictor.check(&Position::new()).unwrap_err().why.contains("does not say"));
-    // Of another machine.
+    // An estimate of another machine.
     let mut other = machine.clone();
     other.topology = other.topology.replace('B', "A");
     let axis = other.axes.remove(&Axis::B).unwrap();
@@ -201,7 +205,7 @@ fn what_was_not_measured_is_refused() {
     assert!(Predictor::new(&machine, &estimate, WorkZero::OnTable).is_err());
 }
 
-/// Where this machine stands when its stylus is at `place` of the table.
+/// Reading of this machine with its stylus at `place` of the table.
 fn touch(truth: &Truth, place: Vector3<f64>, triple: Triple) -> Reading {
     Reading {
         step: 1,
@@ -215,7 +219,7 @@ fn touch(truth: &Truth, place: Vector3<f64>, triple: Triple) -> Reading {
     }
 }
 
-/// A touch where the machine of the paper reads with its stylus at a known place of the table.
+/// A touch read by the machine of the paper with its stylus at a known place of the table.
 #[test]
 fn touches_are_points_of_the_workpiece() {
     let (mut plan, mut estimate) = (built_in::plan(), measured());
@@ -234,7 +238,7 @@ fn touches_are_points_of_the_workpiece() {
     };
     let calibrated = point(&plan, Some(&estimate));
     assert!((calibrated.at_mm - place).norm() < 1e-9, "{calibrated:?}");
-    // Of the touch alone: 0.5 µm, as the machine file declares.
+    // The uncertainty is that of the touch alone: 0.5 µm, as the machine file declares.
     assert!((calibrated.u_mm - Vector3::repeat(0.5e-3)).norm() < 1e-9);
     let nominal = point(&plan, None);
     let off = (nominal.at_mm - place).norm();
@@ -245,7 +249,8 @@ fn touches_are_points_of_the_workpiece() {
     let u = point(&plan, Some(&estimate)).u_mm * 1e3;
     let expected = Vector3::new(2.0 * triple[1].cos(), 2.0 * triple[1].sin(), 0.0);
     assert!((u - expected.map(|part: f64| part.hypot(0.5))).norm() < 0.01, "{u} {expected}");
-    // 3 µm, 4 µm and 12 µm of the probe and the axes, rounding by 1 µm, and drift of 5 µm/h for an hour.
+    // Contributions: 3 µm, 4 µm and 12 µm of the probe and the axes, rounding by 1 µm, and drift of 5 µm/h
+    // for an hour.
     estimate.covariance.rows[offset][offset] = 0.0;
     plan.probe.repeatability_um = Some(3.0);
     plan.probe.lobing_um = 4.0;
@@ -257,7 +262,8 @@ fn touches_are_points_of_the_workpiece() {
     assert!((u - Vector3::repeat((169.0_f64 + 1.0 / 12.0 + 25.0).sqrt())).norm() < 1e-6, "{u}");
 }
 
-/// The stylus is that of the estimate, with its uncertainty; a stated one is as uncertain as its offset.
+/// The stylus and its uncertainty come from the estimate; the uncertainty of a stated stylus is that of its
+/// offset.
 #[test]
 fn points_are_seen_by_the_stylus_that_was_found() {
     let (mut plan, mut estimate) = (built_in::plan(), measured());
@@ -292,7 +298,8 @@ fn points_are_seen_by_the_stylus_that_was_found() {
     assert!((stated.u_mm - Vector3::repeat(0.01)).norm() < 1e-6, "{stated:?}");
 }
 
-/// Of an offset e of C along X alone: with the work zero at C = 0 the error is 2·e·sin(C/2), largest at 180°.
+/// Errors of an offset e of C along X only: with the work zero at C = 0 the error is 2·e·sin(C/2), largest at
+/// 180°.
 #[test]
 fn the_volume_has_a_largest_and_a_mean_error() {
     let mut estimate = measured();
@@ -309,7 +316,7 @@ fn the_volume_has_a_largest_and_a_mean_error() {
         assert!((value - expected).abs() < within, "{value} {expected}");
     };
     near(zeroed.largest_mm, 0.210, 1e-9);
-    // Its u is twice 2 µm, to the number of draws.
+    // Its u is twice 2 µm, within the accuracy of the number of draws.
     near(zeroed.u_largest_mm, 4e-3, 0.6e-3);
     let mean = (0..12).map(|k| 0.21 * (f64::from(k) * 15.0).to_radians().sin()).sum::<f64>() / 12.0;
     near(zeroed.mean_mm, mean, 1e-9);

@@ -1,4 +1,4 @@
-//! The error of the tip over the whole volume: largest and mean, with their uncertainty.
+//! Error of the tip over the whole volume: largest and mean, with their uncertainty.
 
 use estimation::coverage::COVERAGE_PROBABILITY;
 use estimation::linear::lower_root;
@@ -11,33 +11,35 @@ use super::{Predictor, TipError};
 use crate::Refused;
 use machine::{Axis, Position};
 
-/// Positions of a linear axis over its range, and the largest step of a rotary one, degrees.
+/// Number of positions of a linear axis over its range, and largest step of a rotary axis, degrees.
 const LINEAR_POSITIONS: usize = 5;
 const ROTARY_STEP_DEG: f64 = 30.0;
-/// Draws of the errors, as many as a second has for so many poses: u to 2 to 7 %.
+/// Minimum and maximum number of draws of the errors. The number is chosen so that the computation takes
+/// about a second; u is then accurate to 2 to 7 %.
 const TRIALS: [usize; 2] = [100, 1000];
 const POSES_OF_ALL_TRIALS: usize = 4_000_000;
 const SEED: u64 = 0x766f_6c75;
 
-/// Over a set of poses, mm.
+/// Errors over a set of poses, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VolumeError {
     pub largest_mm: f64,
     pub u_largest_mm: f64,
     pub mean_mm: f64,
     pub u_mean_mm: f64,
-    /// Below these with the probability of [`COVERAGE_PROBABILITY`], mm: what an error may be that was found to be 0.
+    /// Upper bounds of the errors with the probability [`COVERAGE_PROBABILITY`], mm, for errors that were
+    /// estimated to be 0.
     pub largest_95_mm: f64,
     pub mean_95_mm: f64,
-    /// Index of the pose of the largest error.
+    /// Index of the pose with the largest error.
     pub worst: usize,
 }
 
 impl Predictor<'_> {
-    /// A grid over the ranges of the axes that the estimate was measured over; the spindle stands at 0.
+    /// A grid over the ranges of the axes over which the estimate was measured; the spindle is at 0.
     ///
     /// # Errors
-    /// The estimate does not say what it was measured over.
+    /// The estimate does not state the ranges over which it was measured.
     pub fn volume(&self) -> Result<Vec<Position>, Refused> {
         self.check_ranges()?;
         let mut poses = vec![Position::new()];
@@ -57,7 +59,8 @@ impl Predictor<'_> {
         Ok(poses)
     }
 
-    /// Against the work zero, and after a best fit of the workpiece; u from draws of the estimate's errors.
+    /// Errors relative to the work zero, and after a best fit of the workpiece; u comes from draws of the
+    /// estimate's errors.
     pub fn volume_errors(&self, poses: &[Position], tips: &[TipError]) -> [VolumeError; 2] {
         let zeroed: Vec<Vector3<f64>> = tips.iter().map(|tip| tip.mm).collect();
         let fit = self.best_fit(poses, &zeroed);
@@ -98,7 +101,7 @@ impl Predictor<'_> {
         })
     }
 
-    /// What [`Predictor::volume_errors`] gives, in words.
+    /// Results of [`Predictor::volume_errors`] in words.
     pub fn in_words(errors: [VolumeError; 2], poses: &[Position]) -> Vec<String> {
         let names = ["against the work zero", "after a best fit of the workpiece"];
         let line = |(what, error): (&str, VolumeError)| {
@@ -112,15 +115,15 @@ impl Predictor<'_> {
                 2e3 * u_mean_mm
             )
         };
-        // Fewer places than three always fit.
+        // Fewer than three points always fit.
         let shown = if poses.len() < 3 { 1 } else { 2 };
         names.into_iter().zip(errors).take(shown).map(line).collect()
     }
 
-    /// What may be left against the work zero after these errors are corrected, in words.
+    /// Errors that may remain relative to the work zero after a correction of `symbols`, in words.
     ///
     /// # Errors
-    /// A symbol that is no error of the estimate.
+    /// A symbol is not an error of the estimate.
     pub fn left_in_words(self, symbols: &[&str], poses: &[Position]) -> Result<String, Refused> {
         let names = symbols.join(", ");
         let corrected = self.corrected(symbols)?;
@@ -132,7 +135,7 @@ impl Predictor<'_> {
         ))
     }
 
-    /// Of the workpiece, by a rigid motion.
+    /// Best fit of the workpiece by a rigid motion.
     fn best_fit(&self, poses: &[Position], errors: &[Vector3<f64>]) -> RigidFit {
         let place = |at: &Position| self.chain.tip_in_table(at, self.tip, &[]).mm;
         let nominal: Vec<Vector3<f64>> = poses.iter().map(place).collect();
@@ -142,7 +145,7 @@ impl Predictor<'_> {
     }
 }
 
-/// Largest and mean length of the deviations with their changes.
+/// Largest and mean length of the changed deviations.
 fn sizes(deviations: &[Vector3<f64>], changes: &[Vector3<f64>]) -> [f64; 2] {
     let norms = || deviations.iter().zip(changes).map(|(d, by)| (d + by).norm());
     [norms().fold(0.0, f64::max), norms().sum::<f64>() / deviations.len().max(1) as f64]

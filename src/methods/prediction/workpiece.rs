@@ -1,5 +1,5 @@
-//! Touches and samples at any rotary position as points of the workpiece: the machine as a measuring machine (paper 2,
-//! Eq. (4); paper 4, section 6).
+//! Touches and samples at any rotary position as points of the workpiece: the machine tool as a coordinate
+//! measuring machine (paper 2, Eq. (4); paper 4, section 6).
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -15,38 +15,39 @@ use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use machine::record::sensor::Mount;
 
-/// A point in the table frame (the machine frame when all axes stand at zero), mm.
+/// A point in the table frame (the machine frame with all axes at zero), mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WorkpiecePoint {
-    /// Of a touch the centre of the stylus ball, of a sample the point that the sensor sees.
+    /// Centre of the stylus ball of a touch, or the measured point of a sensor sample.
     pub at_mm: Vector3<f64>,
-    /// Standard uncertainty: of the estimate with its stylus, and of one point as the plan declares probe and axes.
+    /// Standard uncertainty from the estimate with its stylus, and from what the plan declares of probe and
+    /// axes for one point.
     pub u_mm: Vector3<f64>,
 }
 
-/// The stylus ball's centre from the spindle datum.
+/// Position of the stylus ball centre relative to the spindle datum, mm.
 struct Stylus {
     mm: Vector3<f64>,
-    /// Coordinates that the estimate holds: 0 for x to 2 for z.
+    /// Indices of the coordinates that the estimate contains: 0 for x to 2 for z.
     found: Vec<usize>,
 }
 
 const STYLUS: [&str; 3] = ["tool_x", "tool_y", "tool_z"];
 
-/// Brings the readings of a plan into the table frame.
+/// Transforms the readings of a plan into the table frame.
 pub struct WorkpieceFrame<'a> {
     plan: &'a Plan,
     chain: Chain,
-    /// `None`: the nominal machine.
+    /// Errors of the axes. `None`: the nominal machine.
     known: Option<KnownErrors<'a>>,
     stylus: Stylus,
-    /// Of the errors, then of what is found of the stylus, internal units.
+    /// Covariance of the errors, followed by the estimated stylus coordinates, internal units.
     covariance: Mat<f64>,
 }
 
 impl<'a> WorkpieceFrame<'a> {
     /// # Errors
-    /// A machine without kinematics; an estimate without errors of its axes.
+    /// The machine has no kinematics; the estimate has no errors of its axes.
     pub fn new(plan: &'a Plan, estimate: Option<&'a Estimate>) -> Result<Self, Refused> {
         let chain = Chain::new(&plan.machine)?;
         let known = estimate.map(|estimate| KnownErrors::of(estimate, &chain)).transpose()?;
@@ -57,7 +58,7 @@ impl<'a> WorkpieceFrame<'a> {
         Ok(Self { plan, chain, known, stylus, covariance: covariance.unwrap_or_else(Mat::new) })
     }
 
-    /// What the stylus is taken from, in words.
+    /// Origin of the stylus coordinates, in words.
     pub fn stylus_in_words(&self) -> String {
         match self.stylus.found.len() {
             0 => "stylus as stated in the machine file, to stylus_offset_um in each coordinate"
@@ -70,7 +71,7 @@ impl<'a> WorkpieceFrame<'a> {
         }
     }
 
-    /// `None`: a sample without a distance, or of a sensor that is not in the spindle.
+    /// The reading as a point. `None`: the sample has no distance, or its sensor is not in the spindle.
     pub fn point(&self, reading: &Reading) -> Option<WorkpiecePoint> {
         let tip = self.in_spindle(reading)?;
         let (errors, parameters) = match &self.known {
@@ -107,7 +108,8 @@ impl<'a> WorkpieceFrame<'a> {
 }
 
 impl Stylus {
-    /// As the machine file states it, where the estimate does not hold it with its covariance.
+    /// The stylus of the estimate; coordinates that the estimate does not contain with their covariance come
+    /// from the machine file.
     fn of(plan: &Plan, estimate: Option<&Estimate>) -> Self {
         let mut stylus = Self { mm: Vector3::from(plan.machine.tool_mm), found: Vec::new() };
         let Some(estimate) = estimate else { return stylus };

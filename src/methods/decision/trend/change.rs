@@ -1,6 +1,6 @@
-//! Steps and drifts in a series. Each possible change, a step between two runs or a line that begins at
-//! one, explains a part of the scatter; the one that explains most is compared with what chance explains
-//! at best among the same possibilities, by drawing.
+//! Detection of steps and drifts in a series. A possible change is a step between two runs, or a line that
+//! begins at a run; each explains a part of the scatter. The change that explains most is compared with the
+//! best explanation of random series, by simulation.
 
 use rand_distr::{Distribution, StandardNormal};
 
@@ -10,48 +10,51 @@ use super::Point;
 use estimation::coverage;
 use estimation::random::stream;
 
-/// Values on each side of a step, and of a line after its beginning: one alone may be a slip.
+/// Minimum number of values on each side of a step (`SIDE`) and of a line after its beginning (`LINE`): a
+/// single value may be an outlier.
 const SIDE: usize = 2;
 const LINE: usize = 3;
-/// With fewer values nothing can be told.
+/// Minimum number of values for a change to be detected.
 pub(super) const SERIES: usize = 6;
-/// Only so many of the newest are looked at.
+/// Maximum number of newest values that are evaluated.
 const WINDOW: usize = 100;
-/// A change is told when chance brings as much in fewer than so many of the draws: a parameter that is
-/// looked at every day for years must not cry wolf.
+/// Probability threshold: a change is reported if random series explain as much in a smaller fraction of the
+/// draws. It is small, because a parameter that is checked daily for years must not give frequent false
+/// alarms.
 const CHANCE: f64 = 0.001;
 const DRAWS: u32 = 4999;
-/// When it happened, with this probability.
+/// Probability of the interval in which a change happened.
 const WHEN: f64 = 0.95;
 const DAY_S: f64 = 86_400.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// From one run to the next.
+    /// A step between two successive runs.
     Step,
-    /// A line from some run on.
+    /// A line that begins at a run.
     Drift,
 }
 
-/// A change that chance does not explain.
+/// A change that random scatter does not explain.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Change {
     pub kind: Kind,
-    /// Of a step its height; of a drift what it makes in a day.
+    /// Height of a step; change per day of a drift.
     pub by: f64,
     /// Expanded uncertainty of `by`.
     #[serde(rename = "U")]
     pub expanded: f64,
-    /// Index of the first value after the step; of that at which the line begins.
+    /// Index of the first value after the step, or of the value at which the line begins.
     pub first: usize,
-    /// Indices of the last value that was surely before, and of the first that is surely after.
+    /// Index of the last value certainly before the change, and of the first certainly after it.
     pub between: [usize; 2],
-    /// How often chance brings as much.
+    /// Probability that random scatter explains as much.
     pub chance: f64,
 }
 
-/// The changes in `points` (ordered), oldest first: after a step what came since is looked at by itself.
+/// The changes in `points` (ordered), oldest first. After a step, the newer values are evaluated by
+/// themselves.
 pub(super) fn changes(points: &[Point]) -> Vec<Change> {
     let mut changes: Vec<Change> = Vec::new();
     let mut begin = points.len().saturating_sub(WINDOW);
@@ -72,7 +75,7 @@ pub(super) fn changes(points: &[Point]) -> Vec<Change> {
     changes
 }
 
-/// One possible change as a column, its mean taken out, over the values.
+/// One possible change as a function of the values' index, with mean zero.
 struct Possible {
     kind: Kind,
     first: usize,
@@ -88,7 +91,7 @@ impl Possible {
         Self { kind, first, column, norm }
     }
 
-    /// Of Σ(value − mean)², by how much it grows less.
+    /// Reduction of Σ(value − mean)² by the change.
     fn explains(&self, values: &[f64]) -> f64 {
         (self.along(values) / self.norm).powi(2)
     }
@@ -97,7 +100,7 @@ impl Possible {
         self.column.iter().zip(values).map(|(column, value)| column * value).sum()
     }
 
-    /// The last index before and the first after.
+    /// Index of the last value before the change, and of the first after it.
     fn between(&self) -> [usize; 2] {
         match self.kind {
             Kind::Step => [self.first - 1, self.first],
@@ -131,7 +134,7 @@ fn largest(points: &[Point]) -> Option<Change> {
     let all = possible(&days);
     let scatter = squares(&values);
     let size = values.iter().map(|value| value * value).sum::<f64>();
-    // Nothing but rounding.
+    // The scatter is rounding only.
     if scatter <= f64::EPSILON.powi(2) * size * values.len() as f64 {
         return None;
     }
@@ -148,8 +151,8 @@ fn squares(values: &[f64]) -> f64 {
     values.iter().map(|value| (value - mean).powi(2)).sum()
 }
 
-/// How often normal values without any change have `share` of their scatter explained by the best of
-/// these; `None` once it is plain that it is too often.
+/// Fraction of random normal series without a change in which the best of these changes explains `share` of
+/// the scatter. `None` as soon as the fraction is certainly too large.
 fn chance(all: &[Possible], count: usize, share: f64) -> Option<f64> {
     let most = (CHANCE * f64::from(DRAWS + 1)) as u32;
     let mut rng = stream(0, &[count as u64]);
@@ -166,7 +169,7 @@ fn chance(all: &[Possible], count: usize, share: f64) -> Option<f64> {
 }
 
 fn change(all: &[Possible], best: &Possible, values: &[f64], chance: f64) -> Change {
-    // Level, height and place are taken from the values.
+    // Level, height and position of the change are fitted to the values.
     let dof = (values.len() - 3) as f64;
     let left = |possible: &Possible| (squares(values) - possible.explains(values)).max(0.0);
     let least = left(best);

@@ -3,19 +3,20 @@
 
 use serde::Serialize;
 
-/// Expected range of two standard normal values.
+/// Expected range of two standard normal values (control chart factor d₂).
 const D2: f64 = 1.128;
-/// Limits lie so many standard deviations from the centre.
+/// Half width of the control limits, in standard deviations.
 const WIDTH: f64 = 3.0;
-/// Weight of the newest value: slow enough to see what a single value hides, and the example's.
+/// Weight of the newest value: small enough to detect changes that single values do not show; the value of
+/// the e-Handbook's example.
 const WEIGHT: f64 = 0.3;
 
-/// Of a mean about `centre`: values that are all the same have no scatter, and lie within their limits.
+/// Rounding error of a mean near `centre`. Identical values have no scatter and must lie within their limits.
 fn rounding(centre: f64) -> f64 {
     64.0 * f64::EPSILON * centre.abs()
 }
 
-/// Individuals chart: the scatter from successive differences, so that a slow change does not widen it.
+/// Individuals chart. Its scatter comes from successive differences, so that a slow change does not widen it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Individuals {
     pub centre: f64,
@@ -23,7 +24,7 @@ pub struct Individuals {
 }
 
 impl Individuals {
-    /// `None` for fewer than two values.
+    /// `None`: fewer than two values.
     pub fn of(values: &[f64]) -> Option<Self> {
         let ranges = values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
         let count = values.len().checked_sub(1).filter(|count| *count > 0)? as f64;
@@ -31,7 +32,7 @@ impl Individuals {
         Some(Self { centre: values.iter().sum::<f64>() / values.len() as f64, sigma })
     }
 
-    /// Lower, upper.
+    /// Lower and upper control limit.
     pub fn limits(&self) -> [f64; 2] {
         [self.centre - WIDTH * self.sigma, self.centre + WIDTH * self.sigma]
     }
@@ -41,13 +42,13 @@ impl Individuals {
     }
 }
 
-/// Exponentially weighted moving average, with the limits of its first values as well.
+/// Exponentially weighted moving average (EWMA), with the narrower limits of its first values.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ewma {
     pub centre: f64,
-    /// One for each value.
+    /// One mean for each value.
     pub means: Vec<f64>,
-    /// How far each may lie from the centre.
+    /// Half width of the limits of each mean.
     pub widths: Vec<f64>,
 }
 

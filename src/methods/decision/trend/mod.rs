@@ -1,6 +1,6 @@
-//! How a value goes over a machine's runs: its control limits, and the steps and drifts in it with
-//! since-when and how sure. Values have the unit of their estimates; only their order, their scatter
-//! and the time between them count here.
+//! Trend of a value over the runs of a machine: its control limits, its steps and drifts, when they happened
+//! and how certain they are. Values have the unit of their estimates; only their order, their scatter and the
+//! time between them are used here.
 
 mod change;
 mod chart;
@@ -13,10 +13,10 @@ pub use change::{Change, Kind};
 pub use chart::{Ewma, Individuals};
 pub use words::{Told, what_changed};
 
-/// One run's value.
+/// Value of one run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// When it was measured, s from any origin.
+    /// Time of the measurement, s from any origin.
     pub t_s: f64,
     pub value: f64,
 }
@@ -24,24 +24,24 @@ pub struct Point {
 /// The history of one value.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Trend {
-    /// Oldest first; none is of an earlier time than the one before.
+    /// Points, oldest first, with non-decreasing times.
     #[serde(skip)]
     pub points: Vec<Point>,
-    /// Oldest first; each is later than the one before.
+    /// Changes, oldest first, with increasing times.
     pub changes: Vec<Change>,
-    /// From what came since the last step, the newest value left out: it is judged by them. `None` with
-    /// fewer than [`FEWEST`] such values.
+    /// Limits from the values since the last step, without the newest value, which they judge. `None`: fewer
+    /// than [`FEWEST`] such values.
     pub individuals: Option<Individuals>,
-    /// Over the same values and the newest one.
+    /// EWMA of the same values and the newest one.
     pub ewma: Option<Ewma>,
 }
 
-/// Fewer values than these have no control limits: their scatter is not known well enough.
+/// Minimum number of values for control limits; with fewer the scatter is too uncertain.
 pub const FEWEST: usize = 8;
 
 impl Trend {
-    /// Of `points` in the order in which they were measured, whatever the clock said; a time that does not
-    /// fit this order becomes that of the point before it. Values are finite.
+    /// The trend of `points` in the order in which they were measured, whatever the clock showed. A time that
+    /// does not fit this order is replaced by that of the point before it. Values must be finite.
     pub fn of(mut points: Vec<Point>) -> Self {
         order::mend(&mut points);
         let changes = change::changes(&points);
@@ -54,7 +54,7 @@ impl Trend {
         Self { points, changes, individuals, ewma }
     }
 
-    /// Whether the newest value lies outside the limits that those before it set.
+    /// Whether the newest value lies outside the limits from the earlier values.
     pub fn is_out(&self) -> Option<bool> {
         let chart = self.individuals?;
         let newest = self.points.last()?;

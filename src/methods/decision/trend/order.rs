@@ -1,9 +1,10 @@
-//! A clock may be set, or lose its battery: the order of the runs stands, their times may not.
+//! Correction of wrong clock times: the order of the runs is reliable, their times may not be, because a
+//! clock may be set or lose its battery.
 
 use super::Point;
 
-/// The times that agree with the order, as many as can, stay; each other becomes that of the last one before
-/// it that stays, or of the first that stays. One run from 1970 or from 2099 moves none but itself.
+/// Keeps the largest set of times that agrees with the order. Each other time is replaced by the last kept
+/// time before it, or by the first kept time. One run dated 1970 or 2099 changes only its own time.
 pub(super) fn mend(points: &mut [Point]) {
     let stays = longest(points);
     let first = stays.iter().position(|stays| *stays).and_then(|index| points.get(index));
@@ -16,10 +17,10 @@ pub(super) fn mend(points: &mut [Point]) {
     }
 }
 
-/// Of each point whether it is in the longest row of points whose times do not step back. There are some
-/// hundreds of points at most, so each is compared with all before it.
+/// Whether each point belongs to the longest sequence of points with non-decreasing times. There are at most
+/// some hundreds of points, so each is compared with all before it.
 fn longest(points: &[Point]) -> Vec<bool> {
-    // How long a row that ends here can be, and which point comes before it.
+    // Length of the longest sequence that ends at each point, and the index of its previous point.
     let mut rows: Vec<(usize, Option<usize>)> = Vec::with_capacity(points.len());
     for point in points {
         let fits = points.iter().zip(&rows).enumerate();
@@ -52,12 +53,12 @@ mod tests {
     fn a_wrong_clock_moves_only_its_own_runs() {
         assert!(mended(&[]).is_empty());
         assert_eq!(mended(&[3.0, 4.0, 4.0, 5.0]), [3.0, 4.0, 4.0, 5.0]);
-        // The clock's battery is empty, at the end, at the beginning and between; and one far ahead.
+        // The clock battery was empty at the end, at the beginning and in between; one clock was far ahead.
         assert_eq!(mended(&[10.0, 20.0, 30.0, 0.0]), [10.0, 20.0, 30.0, 30.0]);
         assert_eq!(mended(&[99.0, 10.0, 20.0, 30.0]), [10.0, 10.0, 20.0, 30.0]);
         assert_eq!(mended(&[10.0, 12.0, 14.0, 0.0, 1.0, 20.0])[2..5], [14.0, 14.0, 14.0]);
         assert_eq!(mended(&[10.0, 99.0, 20.0, 30.0]), [10.0, 10.0, 20.0, 30.0]);
-        // Set back for good: the newer ones count once they are more.
+        // The clock was set back permanently: the newer times are kept as soon as there are more of them.
         assert_eq!(mended(&[90.0, 91.0, 10.0, 11.0, 12.0]), [10.0, 10.0, 10.0, 11.0, 12.0]);
     }
 }

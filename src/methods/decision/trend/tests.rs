@@ -14,7 +14,7 @@ fn paper_nist_individuals_chart() {
     assert!((upper - 55.8041).abs() < 5e-5 && (lower - 45.8159).abs() < 5e-5, "{lower} {upper}");
 }
 
-/// NIST/SEMATECH e-Handbook, 6.3.2.4, with its centre 50, s = 2.0539 and λ = 0.3.
+/// NIST/SEMATECH e-Handbook, 6.3.2.4, with its centre of 50, s = 2.0539 and λ = 0.3.
 #[test]
 fn paper_nist_ewma_chart() {
     let first = [52.0, 47.0, 53.0, 49.3, 50.1, 47.0, 51.0, 50.1, 51.2, 50.5];
@@ -27,9 +27,9 @@ fn paper_nist_ewma_chart() {
     for (mean, published) in ewma.means.iter().zip(published) {
         assert!((mean - published).abs() < 0.0051, "{mean} {published}");
     }
-    // UCL 52.5884 is that of many values; after 20 the limits have settled.
+    // The UCL of 52.5884 is the limit for many values; after 20 values the limits have settled.
     assert!((ewma.widths[19] - 2.5884).abs() < 5e-4 && !ewma.is_out());
-    // The first value's limits are those of 0.3 times one value.
+    // The limits of the first mean are 0.3 times those of one value.
     assert!((ewma.widths[0] - 3.0 * 0.3 * 2.0539).abs() < 1e-12);
 }
 
@@ -41,7 +41,7 @@ fn name(t_s: f64) -> String {
     format!("day {:.0}", t_s / 86_400.0)
 }
 
-/// A run a day, scatter of 1.
+/// One run per day, scatter of 1.
 fn series(seed: u64, days: usize, truth: impl Fn(f64) -> f64) -> Vec<Point> {
     let mut rng = stream(seed, &[7]);
     let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -55,9 +55,9 @@ fn nothing_is_told_of_a_machine_that_stays() {
             !Trend::of(series(*seed, 6 + *seed as usize % 60, |_| 3.0)).changes.is_empty()
         })
         .count();
-    // 1 in 1000: 2 of 2000 on average, 8 or more with a probability of 0.1 %.
+    // 1 in 1000: 2 of 2000 on average; 8 or more with a probability of 0.1 %.
     assert!(false_alarms < 8, "{false_alarms}");
-    // Not even where its mean is rounded.
+    // No change is reported for identical values either, even if their mean is rounded.
     for value in [1.5, 49.504_871_3, -13.8, 0.0] {
         for count in 9..20 {
             let points = (0..count).map(|i| Point { t_s: at_s(f64::from(i)), value });
@@ -67,7 +67,7 @@ fn nothing_is_told_of_a_machine_that_stays() {
     }
 }
 
-/// Its height within U, and the day within what is told, as often as said.
+/// The height of a step lies within U, and its day within the reported interval, as often as stated.
 #[test]
 fn a_step_is_found_when_it_was_and_as_high_as_it_was() {
     let (mut found, mut height, mut when) = (0, 0, 0);
@@ -82,7 +82,7 @@ fn a_step_is_found_when_it_was_and_as_high_as_it_was() {
         when += usize::from(change.between[0] <= 24 && change.between[1] >= 25);
     }
     assert!(found >= seeds - 1, "{found}");
-    // 95 % of 60 less three standard deviations.
+    // 95 % of 60, minus three standard deviations.
     assert!(height >= 52 && when >= 52, "{height} {when}");
 }
 
@@ -101,11 +101,11 @@ fn a_drift_is_no_step() {
     }
     assert!(found >= 57, "{found}");
     assert!(when >= 50, "{when}");
-    // The place of the bend is fitted as well and not in U: a few less.
+    // The position of the bend is fitted as well and is not in U, so slightly fewer slopes lie within U.
     assert!(slope >= 45, "{slope}");
 }
 
-/// After a step the limits are those of what came since.
+/// After a step the limits come from the values since the step.
 #[test]
 fn limits_follow_a_step_and_hold_the_newest_value_to_account() {
     let stepped = |last: f64| {
@@ -140,14 +140,14 @@ fn what_changed_is_one_sentence() {
         what_changed(&[told("EA0B", &same)], at_s(30.0), name),
         "Since day 30: nothing changed beyond the scatter."
     );
-    // Long ago.
+    // The step is older than the given time.
     assert_eq!(
         what_changed(&[told("EX0C", &step)], at_s(39.0), name),
         "Since day 39: nothing changed beyond the scatter."
     );
 }
 
-/// Silence is no constancy.
+/// A value without a new measurement does not count as unchanged.
 #[test]
 fn what_was_not_measured_since_then_is_said_to_be_so() {
     let same = Trend::of(series(3, 40, |_| 0.0));
@@ -168,8 +168,8 @@ fn what_was_not_measured_since_then_is_said_to_be_so() {
     assert!(drifts.starts_with(words) && !drifts.contains("stayed"), "{drifts}");
 }
 
-/// Thirteen runs, the newest with the clock at 1970 and 400 µm off: it is the newest, it lies outside, and
-/// the limits are those of the twelve before it.
+/// Thirteen runs; the newest has the clock at 1970 and is 400 µm off. It remains the newest, it lies outside,
+/// and the limits are those of the twelve runs before it.
 #[test]
 fn a_clock_set_back_hides_no_value() {
     let mut points = series(5, 12, |day| 3.0 + 0.0 * day);

@@ -1,9 +1,9 @@
-//! What changed, in one sentence.
+//! Changes of the values, in one sentence.
 
 use super::change::SERIES;
 use super::{Change, Kind, Trend};
 
-/// A value's history under its name.
+/// Trend of a value with its symbol and unit.
 #[derive(Debug, Clone, Copy)]
 pub struct Told<'a> {
     pub symbol: &'a str,
@@ -11,9 +11,9 @@ pub struct Told<'a> {
     pub trend: &'a Trend,
 }
 
-/// What changed since `since_s`, in one sentence; `day` says on which day a time is. A change counts if it
-/// may have happened since then, a drift as long as it goes on. What was not measured since then has not
-/// stayed as it was: it is not known.
+/// Changes since `since_s`, in one sentence; `day` formats a time as a day. A change counts if it may have
+/// happened since then; a drift counts as long as it continues. A value that was not measured since then is
+/// reported as not measured, not as unchanged.
 pub fn what_changed(all: &[Told<'_>], since_s: f64, day: impl Fn(f64) -> String) -> String {
     let (told, short): (Vec<&Told<'_>>, Vec<&Told<'_>>) =
         all.iter().partition(|told| told.trend.points.len() >= SERIES);
@@ -46,7 +46,7 @@ pub fn what_changed(all: &[Told<'_>], since_s: f64, day: impl Fn(f64) -> String)
     format!("Since {}: {}.", day(since_s), parts.join("; "))
 }
 
-/// Of all, or of some of them.
+/// Sentence about values that were not measured since `since_s`: all of them, or some.
 fn not_measured(all: &[Told<'_>], since_s: f64, day: &impl Fn(f64) -> String) -> Vec<String> {
     let old: Vec<&Told<'_>> = all.iter().filter(|told| !told.is_newer(since_s)).collect();
     let newest_s = old.iter().map(|told| told.newest_s()).reduce(f64::max);
@@ -101,7 +101,7 @@ impl Told<'_> {
         }
     }
 
-    /// The newest value alone, where nothing else tells of it.
+    /// Sentence about a newest value outside the limits, unless a drift explains it.
     fn out(&self) -> Option<String> {
         let trend = self.trend;
         let newest = trend.points.last()?;
