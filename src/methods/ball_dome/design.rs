@@ -1,4 +1,4 @@
-//! Which balls are measured where: all that are accessible at each indexation.
+//! The measuring design: all accessible balls at each indexation.
 
 use std::collections::BTreeMap;
 
@@ -12,7 +12,7 @@ use machine::kinematics::Chain;
 use machine::record::plan::Plan;
 
 /// # Errors
-/// Settings or an artefact that cannot be measured with; places that nobody has calibrated.
+/// Settings or artefact are unusable; the balls have no certified positions.
 pub fn setup<'a>(plan: &'a Plan, settings: &Settings) -> Result<MeasurementSetup<'a>, Refused> {
     settings.check()?;
     let set = balls(super::NAME, &plan.artefact)?;
@@ -30,10 +30,10 @@ pub fn setup<'a>(plan: &'a Plan, settings: &Settings) -> Result<MeasurementSetup
     Ok(MeasurementSetup { method: super::NAME, plan, balls: set, touch: settings.touch() })
 }
 
-/// In measuring order.
+/// Visits in measuring order.
 ///
 /// # Errors
-/// An indexation outside the limits; a ball that no indexation shows.
+/// An indexation is outside the limits; a ball is accessible at no indexation.
 pub fn visits(setup: &MeasurementSetup<'_>, settings: &Settings) -> Result<Vec<Visit>, Refused> {
     let chain = Chain::new(&setup.plan.machine)?;
     let places = indexations(super::NAME, &setup.plan.machine, &chain, &settings.positions())?;
@@ -67,7 +67,7 @@ pub fn visits(setup: &MeasurementSetup<'_>, settings: &Settings) -> Result<Vec<V
     let visits = in_order(&setup.plan.machine, visits);
     match setup.touch.find {
         Find::Once => balls_by_planned_ways(setup, visits),
-        // There and back: the way in X and Y counts twice.
+        // The path goes there and back, so the path in X and Y counts twice.
         Find::Every => balls_in_order(setup, &access, visits),
     }
 }

@@ -1,4 +1,4 @@
-//! Plan + readings → estimate.
+//! Identification: from plan and readings to the estimate.
 
 use estimation::linear::{RANK_THRESHOLD, Survey, survey};
 use estimation::monte_carlo::Trials;
@@ -27,16 +27,16 @@ use machine::record::reading::Reading;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x646f_6d65;
-/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+/// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
 const MAX_TRIALS: usize = 20_000;
-/// No measurement has more weight than one of this standard uncertainty, mm.
+/// Minimum standard uncertainty of a measurement in the weights, mm.
 const MIN_U_MM: f64 = 1e-6;
-/// Unknowns of a variant with a stylus: stylus, translation and rotation of the artefact.
+/// Number of unknowns of a variant with a stylus: stylus, translation and rotation of the artefact.
 const UNKNOWNS: usize = 9;
 
 /// # Errors
-/// Readings that do not belong to the plan, or fewer than show the artefact.
+/// The readings do not belong to the plan, or are too few for the artefact.
 pub fn estimate(
     plan: &Plan,
     settings: &Settings,
@@ -84,7 +84,7 @@ pub fn estimate(
     let identified =
         identify(&solution, &sources, outputs::outputs(&model, &groups), Some(trials))?;
     let mut estimate = identified.estimate(super::NAME);
-    // The deviations come first: those of N1 and of the best variant, then those of the others.
+    // The deviations come first: those of N1 and of the best variant, then those of the other variants.
     estimate.parameters.rotate_right(2 * variants.len());
     let shown = [variants[0].kind.name, best.kind.name];
     estimate.parameters[..2 * variants.len()].sort_by_key(|parameter| {
@@ -105,7 +105,7 @@ pub fn estimate(
     })
 }
 
-/// Each ball at each indexation.
+/// Each ball at each indexation as a measurement for the outlier check.
 fn compared(observed: &Observed, judged: &Variant, weights: &[Matrix3<f64>]) -> Vec<Measurement> {
     measurements(observed, |i| (judged.fit.deviations[i], 3 * i, mean_u_mm(&weights[i])))
 }
@@ -144,7 +144,7 @@ fn weights(points: &Points, sources: &[UncertaintySource]) -> Vec<Matrix3<f64>> 
     covariances.into_iter().zip(&points.into_table).map(weight).collect()
 }
 
-/// `is_judged`: its residuals are compared with the declared sources.
+/// `is_judged`: whether its residuals are compared with the declared sources.
 fn figures(points: &Points, best: &Variant, is_judged: bool) -> Result<FitFigures, IdentifyError> {
     let Survey { rank, condition, .. } =
         survey_of(points, best).map_err(|error| IdentifyError::Numerical(error.to_string()))?;
@@ -158,7 +158,7 @@ fn figures(points: &Points, best: &Variant, is_judged: bool) -> Result<FitFigure
     })
 }
 
-/// Of stylus, translation and rotation.
+/// Survey of the equations for stylus, translation and rotation.
 fn survey_of(points: &Points, best: &Variant) -> Result<Survey, estimation::linear::LinearError> {
     let by_stylus = points.by_stylus(&[]);
     let entry = |row: usize, column: usize| {

@@ -1,4 +1,4 @@
-//! The variants that the readings, and the prior, give.
+//! The variants that can be computed from the readings and the prior.
 
 use nalgebra::Vector3;
 
@@ -10,14 +10,14 @@ use super::variant::{Found, KINDS, Kind, StylusFrom, Variant};
 use crate::identification::KnownErrors;
 use machine::kinematics::ErrorTerm;
 
-/// Derivative of each point by the errors of the prior, at the stated stylus.
+/// Derivative of each point by the errors of the prior, with the stated stylus.
 pub fn by_errors(points: &Points, known: Option<&KnownErrors<'_>>) -> Vec<Vec<Vector3<f64>>> {
     let errors = known.map_or(&[][..], |known| &known.errors);
     let parameters: Vec<_> = errors.iter().map(|error| error.parameter).collect();
     points.by_errors(errors, points.stylus, &parameters)
 }
 
-/// All that the readings and the prior give; and what they do not, in words.
+/// All variants that the readings and the prior determine; and those that they do not, in words.
 pub fn variants(
     points: &Points,
     known: Option<&KnownErrors<'_>>,
@@ -73,7 +73,8 @@ fn found(
     }
 }
 
-/// Of each error of the prior: what it takes from a stylus that has the spindle's offset in it (paper 4, Eqs. 5 to 7).
+/// Change of the stylus by each error of the prior, for a stylus that includes the offset of the spindle
+/// (paper 4, Eqs. 5 to 7).
 fn by_spindle(points: &Points, known: &KnownErrors<'_>) -> Vec<Vector3<f64>> {
     let of = |error: &ErrorTerm| {
         if !is_of_spindle(error) {

@@ -1,5 +1,5 @@
-//! Machine errors and stylus that explain the readings of the certified artefact best, all at once (paper 4,
-//! section 7, S4). The spindle does not turn: its offsets are in the stylus.
+//! Simultaneous least-squares fit of machine errors and stylus to the readings of the certified artefact
+//! (paper 4, section 7, S4). The spindle does not turn: its offsets are included in the stylus.
 
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
 use estimation::rigid::RigidFit;
@@ -13,20 +13,21 @@ use crate::IdentifyError;
 use crate::identification::KnownErrors;
 use machine::kinematics::{ErrorParameter, ErrorTerm};
 
-/// Gauss–Newton steps: the equations are so nearly linear that the third changes less than 0.001 µm.
+/// Number of Gauss–Newton steps. The equations are so nearly linear that the third changes less than 0.001
+/// µm.
 const STEPS: usize = 3;
-/// Unknowns besides the errors: stylus, translation and rotation of the artefact.
+/// Number of unknowns besides the errors: stylus, translation and rotation of the artefact.
 const OTHERS: usize = 9;
 
 pub struct FullFit {
-    /// mm from the spindle datum, with the offset of the spindle in it.
+    /// Stylus from the spindle datum, including the offset of the spindle, mm.
     pub stylus: Vector3<f64>,
-    /// By a change of each point less that of its certified place.
+    /// Gain of the stylus for the change of each point minus the change of its certified position.
     pub gain: StylusGain,
 }
 
 /// # Errors
-/// Readings that do not separate errors and stylus.
+/// The readings do not separate errors and stylus.
 pub fn full_fit(points: &Points, known: &KnownErrors<'_>) -> Result<FullFit, IdentifyError> {
     let own = known.errors.iter().filter(|error| !is_of_spindle(error));
     let parameters: Vec<ErrorParameter> = own.map(|error| error.parameter).collect();

@@ -1,6 +1,6 @@
-//! What a calibration is worth: a calibrated ball dome measured at many indexations, its balls brought into the
-//! table frame by the nominal machine and by that of a SAMBA run, and compared with the certificate (paper 4,
-//! sections 6 to 8; METHODS section 4).
+//! Verification of a calibration. A calibrated ball dome is measured at many indexations. Its balls are
+//! transformed into the table frame with the nominal machine and with that of a SAMBA run, and compared with
+//! the certificate (paper 4, sections 6 to 8; METHODS section 4).
 
 mod design;
 mod estimate;

@@ -1,5 +1,5 @@
-//! The values of the variants as functions of the observations: X, Y, Z of each measurement (machine frame, mm),
-//! the errors of the prior, then the certified places of all balls (artefact frame, mm).
+//! The results of the variants as functions of the observations: X, Y, Z of each measurement (machine frame,
+//! mm), the errors of the prior, then the certified positions of all balls (artefact frame, mm).
 
 use faer::{Mat, MatRef};
 use nalgebra::{Matrix3, Vector3};
@@ -14,11 +14,11 @@ pub struct DomeModel<'a> {
     /// Derivative of each point by the errors of the prior, table frame: points × errors.
     pub by_errors: &'a [Vec<Vector3<f64>>],
     pub balls: usize,
-    /// The variant whose deviations are judged against the declared sources.
+    /// Index of the variant whose deviations are compared with the declared sources.
     pub judged: Option<usize>,
-    /// Points whose mean deviation is a result, of each variant.
+    /// Indices of the points of each group. The mean deviation of a group is a result of each variant.
     pub groups: &'a [Vec<usize>],
-    /// Of each point: from its deviation in the table frame to weighted residuals.
+    /// Weight of each point: from its deviation in the table frame to weighted residuals.
     pub weights: &'a [Matrix3<f64>],
 }
 
@@ -31,7 +31,7 @@ struct Split<'c> {
 }
 
 impl DomeModel<'_> {
-    /// Errors of the prior.
+    /// Number of errors of the prior.
     fn errors(&self) -> usize {
         self.by_errors.first().map_or(0, Vec::len)
     }
@@ -41,7 +41,7 @@ impl DomeModel<'_> {
         3 * self.points.count() + error
     }
 
-    /// Index of the first of the three observations of a certified place.
+    /// Index of the first of the three observations of a certified position.
     pub fn certified_at(&self, ball: usize) -> usize {
         self.error_at(self.errors()) + 3 * ball
     }
@@ -66,7 +66,7 @@ impl DomeModel<'_> {
         }
     }
 
-    /// Changes of deviations and stylus of each variant.
+    /// Changes of the deviations and of the stylus of each variant.
     fn changes(&self, change: &[f64]) -> Vec<(Vec<Vector3<f64>>, Vector3<f64>)> {
         let split = self.split(change);
         let changes = Changes {
@@ -78,8 +78,8 @@ impl DomeModel<'_> {
         self.variants.iter().map(|variant| variant.change(&changes)).collect()
     }
 
-    /// Largest and mean deviation of each variant, then the styluses that are results, then the mean deviations of the
-    /// groups, variant by variant, mm.
+    /// Largest and mean deviation of each variant, then the styluses that are results, then the mean
+    /// deviations of the groups, variant by variant, mm.
     pub fn values(&self, change: &[f64]) -> Vec<f64> {
         let changes = self.changes(change);
         let norms = |(variant, (moved, _)): (&Variant, &(Vec<Vector3<f64>>, Vector3<f64>))| {
@@ -98,7 +98,7 @@ impl DomeModel<'_> {
         values
     }
 
-    /// Of each group.
+    /// Mean value of each group.
     fn means(&self, values: &[f64]) -> Vec<f64> {
         let of = |group: &Vec<usize>| {
             group.iter().map(|i| values[*i]).sum::<f64>() / group.len().max(1) as f64
@@ -106,7 +106,7 @@ impl DomeModel<'_> {
         self.groups.iter().map(of).collect()
     }
 
-    /// Index among the values of a group's mean.
+    /// Index of the mean of a group among the values.
     pub fn group_at(&self, variant: usize, group: usize) -> usize {
         let styluses = self.variants.iter().filter(|variant| variant.has_stylus()).count();
         2 * self.variants.len() + 3 * styluses + variant * self.groups.len() + group
@@ -131,7 +131,7 @@ impl ObservationModel for DomeModel<'_> {
         self.group_at(self.variants.len(), 0)
     }
 
-    /// A norm changes by the part of the change along it.
+    /// The norm of a vector changes by the component of its change along the vector.
     fn respond(&self, change: &[f64]) -> Response {
         let changes = self.changes(change);
         let mut unknowns = Vec::with_capacity(self.unknowns());

@@ -1,4 +1,4 @@
-//! What the readings and the certificate alone make of the deviations, where the machine is right.
+//! Deviations that the readings and the certificate alone cause on a machine without errors.
 
 use estimation::monte_carlo::{Random, Shape};
 use nalgebra::{Matrix3, Vector3};
@@ -6,8 +6,9 @@ use nalgebra::{Matrix3, Vector3};
 const TRIALS: usize = 100;
 const SEED: u64 = 0x6e6f_6973;
 
-/// Largest and mean deviation, mm, without what rigid fit and stylus take up. `weights`: of each point, to independent
-/// unit variances; `ball`: its ball; `u_mm`: of a coordinate of a certified place.
+/// Largest and mean deviation, mm, after the rigid fit and the stylus have absorbed their part. `weights`:
+/// matrix of each point to independent unit variances; `ball`: index of its ball; `u_mm`: standard
+/// uncertainty of a coordinate of a certified position.
 pub fn noise_alone(weights: &[Matrix3<f64>], ball: &[usize], u_mm: f64) -> [f64; 2] {
     let back: Vec<Matrix3<f64>> =
         weights.iter().map(|weight| weight.try_inverse().unwrap_or_default()).collect();

@@ -1,4 +1,4 @@
-//! The estimate in the words and units of the contract.
+//! Results of the estimate, in the symbols and units of its contract.
 
 use std::ops::Range;
 
@@ -23,8 +23,8 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     declared_by: "repeatability_um, error_motion_um or certificate_u_mm",
 };
 
-/// The stylus where it is found, then largest and mean deviations: these are not linear in anything, and have
-/// their uncertainty from the trials.
+/// The styluses that are results, then largest and mean deviations. The deviations are nonlinear functions,
+/// and their uncertainty comes from the trials.
 pub fn outputs(model: &DomeModel<'_>, groups: &Groups) -> Outputs {
     let values = model.values(&vec![0.0; model.observations()]);
     let names = model
@@ -55,8 +55,8 @@ pub fn outputs(model: &DomeModel<'_>, groups: &Groups) -> Outputs {
     }
 }
 
-/// Measurements that belong together: those of each ball in the order of the artefact, and those at each indexation as the
-/// run counts them, without its references.
+/// Groups of measurements: those of each ball in the order of the artefact, and those at each indexation in
+/// the order of the run, without references.
 pub struct Groups {
     balls: usize,
     pub points: Vec<Vec<usize>>,
@@ -78,7 +78,7 @@ impl Groups {
     }
 }
 
-/// Mean deviation of each ball, and at each indexation.
+/// Mean deviation of each ball and of each indexation.
 fn curves(model: &DomeModel<'_>, groups: &Groups, values: &[f64]) -> Vec<Curve> {
     let kinds = [("ball", 0..groups.balls), ("indexation", groups.balls..groups.points.len())];
     let curve = |(variant, (argument, range)): (usize, (&'static str, Range<usize>))| {
@@ -100,14 +100,14 @@ fn curves(model: &DomeModel<'_>, groups: &Groups, values: &[f64]) -> Vec<Curve> 
     (0..model.variants.len()).flat_map(both).map(curve).collect()
 }
 
-/// Deviation of each measurement in the order of time.
+/// Deviation of each measurement in order of time, as a histogram.
 pub fn histogram(variant: &Variant) -> Function {
     let norms = variant.fit.deviations.iter().map(|deviation| deviation.norm());
     let symbol = format!("{}_deviation", variant.kind.name);
     Function { figure: FigureKind::Histogram, ..numbered_values(&symbol, "measurement", norms) }
 }
 
-/// Deviations in the artefact frame.
+/// Deviations in the artefact frame, as arrows.
 pub fn arrows(
     setup: &MeasurementSetup<'_>,
     observed: &Observed,
@@ -136,7 +136,7 @@ pub fn arrows(
     shown.into_iter().map(figure).collect()
 }
 
-/// `alone_mm`: largest and mean deviation that the declared sources alone make.
+/// `alone_mm`: largest and mean deviation that the declared sources alone cause.
 pub fn gauge(tool_ball: &str, alone_mm: [f64; 2]) -> Vec<String> {
     let [largest, mean] = alone_mm.map(|mm| mm * 1e3);
     vec![

@@ -1,4 +1,4 @@
-//! The measured points, and where a machine sees them on the table.
+//! The measured points, and their positions on the table for given machine errors.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -8,18 +8,19 @@ use machine::frame::Point;
 use machine::kinematics::{Chain, ErrorParameter, ErrorTerm};
 use machine::record::artefact::Balls;
 
-/// One a measurement of a ball, in the order of the observations.
+/// The measured points, one per measurement of a ball, in the order of the observations.
 pub struct Points {
     chain: Chain,
-    /// As stated, from the spindle datum, mm.
+    /// Stated stylus from the spindle datum, mm.
     pub stylus: Vector3<f64>,
-    /// Axis positions with the stylus on the ball's centre.
+    /// Axis positions with the stylus at the centre of the ball.
     at: Vec<Position>,
-    /// Index of the ball.
+    /// Index of the ball of each point.
     pub ball: Vec<usize>,
-    /// Its certified place at the temperature of the artefact, artefact frame, mm.
+    /// Certified position of the ball of each point at the temperature of the artefact, artefact frame, mm.
     pub certified: Vec<Vector3<f64>>,
-    /// From a change of X, Y, Z to the change in the table frame, nominal machine.
+    /// Matrix of each point from a change of X, Y, Z to the change in the table frame, for the nominal
+    /// machine.
     pub into_table: Vec<Matrix3<f64>>,
 }
 
@@ -50,7 +51,7 @@ impl Points {
         &self.chain
     }
 
-    /// Where a machine with these errors and this stylus sees each point, table frame, mm.
+    /// Position of each point for a machine with these errors and this stylus, table frame, mm.
     pub fn seen(&self, errors: &[ErrorTerm], stylus: Vector3<f64>) -> Vec<Vector3<f64>> {
         let tip = Point::from_vec(stylus);
         self.at.iter().map(|at| self.chain.tip_in_table(at, tip, errors).mm).collect()
@@ -67,7 +68,7 @@ impl Points {
         self.at.iter().map(|at| self.chain.jacobian(at, tip, errors, parameters)).collect()
     }
 
-    /// Derivative of each point by the stylus: the point is affine in it.
+    /// Derivative of each point by the stylus; the point is an affine function of it.
     pub fn by_stylus(&self, errors: &[ErrorTerm]) -> Vec<Matrix3<f64>> {
         let rotation = |at: &Position| {
             let table = self.chain.machine_from_table(at, errors).rotation;

@@ -1,4 +1,4 @@
-//! The machine as a SAMBA run has found it.
+//! The errors of the machine from a SAMBA run.
 
 use crate::Refused;
 use crate::identification::KnownErrors;
@@ -8,10 +8,11 @@ use machine::kinematics::{Chain, ErrorTerm};
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 
-/// `None`: the plan has no prior.
+/// Errors of the machine from the prior of the plan. `None`: the plan has no prior.
 ///
 /// # Errors
-/// More than one estimate; one without errors of this machine or without their covariance.
+/// The plan has more than one estimate; the estimate has no errors of this machine, or lacks their
+/// covariance.
 pub fn known_machine(plan: &Plan) -> Result<Option<KnownErrors<'_>>, Refused> {
     let priors: Vec<&Estimate> = others(&plan.priors).collect();
     match priors.as_slice() {
@@ -21,7 +22,7 @@ pub fn known_machine(plan: &Plan) -> Result<Option<KnownErrors<'_>>, Refused> {
     }
 }
 
-/// Whether the error is of the spindle: inseparable from the stylus where the spindle stands still.
+/// Whether the error belongs to the spindle. It is inseparable from the stylus if the spindle does not turn.
 pub fn is_of_spindle(error: &ErrorTerm) -> bool {
     error.parameter.axis() == Axis::S
 }

@@ -8,29 +8,30 @@ use crate::ball_measurement::{Find, NamedPositions, RotaryPositions, TouchSettin
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Positions of a rotary axis that tilts the artefact, and of one parallel to the spindle, as commanded: the
-    /// indexations are all pairs. The defaults are cut to the axes' limits.
+    /// Commanded positions of a rotary axis that tilts the artefact, and of one parallel to the spindle. The
+    /// indexations are all pairs. The defaults are restricted to the limits of the axes.
     pub tilt_deg: Vec<f64>,
     pub turn_deg: Vec<f64>,
-    /// The ball that gives the stylus of N2 and S2; empty: the first of the artefact.
+    /// Name of the ball that gives the stylus of N2 and S2; empty: the first ball of the artefact.
     pub tool_ball: String,
     pub find: Find,
-    /// Touches of one measurement: 5, or more for a form check.
+    /// Number of touches of one measurement: 5, or more for a form check.
     pub touches: usize,
-    /// Measure one ball again at the start, the middle and the end, to see drift.
+    /// Whether one ball is measured again at the start, the middle and the end, to detect drift.
     pub references: bool,
-    /// Measure one ball again and again before the rest, so many minutes, until the machine creeps no faster than
-    /// `drift_um_per_h` of it declares; 0: not at all.
+    /// Duration of the watch before the run, min: one ball is measured repeatedly until the machine creeps no
+    /// faster than its `drift_um_per_h` declares; 0: no watch.
     pub watch_min: f64,
-    /// Clear distance before the expected contact of a slow touch, and how far beyond it may go.
+    /// Clearance before the expected contact of a slow touch, mm, and maximum travel beyond it, mm.
     pub standoff_mm: f64,
     pub search_mm: f64,
-    /// Form of one measurement of a ball (largest less smallest residual of its sphere) beyond which the
-    /// run holds.
+    /// Maximum form of one measurement of a ball (largest minus smallest residual of its sphere), µm; beyond
+    /// it the run holds.
     pub form_limit_um: f64,
-    /// Difference from the stated diameter, the probe's pre-travel with it, beyond which the run holds.
+    /// Maximum difference from the stated diameter, including the probe's pre-travel, µm; beyond it the run
+    /// holds.
     pub diameter_limit_um: f64,
-    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
 }
 
@@ -67,7 +68,7 @@ impl Settings {
         }
     }
 
-    /// The spindle stays as it is.
+    /// Positions of the rotary axes; the spindle is not turned.
     pub fn positions(&self) -> RotaryPositions<'_> {
         let usual = Self::default();
         let named = |key, degrees, default: &[f64]| NamedPositions {
@@ -83,7 +84,7 @@ impl Settings {
     }
 
     /// # Errors
-    /// Numbers that make no measurement.
+    /// A setting does not allow a measurement.
     pub fn check(&self) -> Result<(), Refused> {
         self.touch().check()?;
         Refused::check_trials(self.monte_carlo_trials)

@@ -12,7 +12,7 @@ use machine::kinematics::Chain;
 use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 
-/// Those of the readings alone: they give the weights.
+/// Sources of the readings alone; the weights follow from them.
 pub fn of_readings(plan: &Plan, chain: &Chain, observed: &Observed) -> Vec<UncertaintySource> {
     let mut sources = touch_sources(plan, observed);
     sources.push(angular_source(plan, chain, observed));
@@ -21,7 +21,7 @@ pub fn of_readings(plan: &Plan, chain: &Chain, observed: &Observed) -> Vec<Uncer
     sources
 }
 
-/// Of the certificate: each coordinate of each ball independent of the others, as stated.
+/// Source of the certificate: each coordinate of each ball is independent, with the stated uncertainty.
 pub fn certificate(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource {
     let coordinates = 3 * model.balls;
     let run = |k: usize| ObservationRun { first: model.certified_at(0) + k, values: vec![u_mm] };
@@ -35,7 +35,7 @@ pub fn certificate(model: &DomeModel<'_>, u_mm: f64) -> UncertaintySource {
     }
 }
 
-/// The artefact is warmer than stated: all distances between the balls are longer.
+/// Temperature of the artefact: if it is higher than stated, all distances between the balls are larger.
 pub fn temperature(model: &DomeModel<'_>, balls: &Balls) -> UncertaintySource {
     let mut column = vec![0.0; model.observations()];
     let coordinates = balls.balls.iter().flat_map(|ball| ball.centre_mm);
@@ -48,7 +48,7 @@ pub fn temperature(model: &DomeModel<'_>, balls: &Balls) -> UncertaintySource {
     }
 }
 
-/// Of the machine as it was found before, with its covariance.
+/// Source of the machine errors of the prior, with their covariance.
 pub fn prior(model: &DomeModel<'_>, known: &KnownErrors<'_>) -> Option<UncertaintySource> {
     let column = |error: usize| {
         let mut column = vec![0.0; model.observations()];

@@ -1,16 +1,18 @@
-//! The stylus that makes the places of each ball, seen at many indexations, agree best. The certificate takes no
-//! part (paper 4, section 7, N2 to S3).
+//! The stylus for which the positions of each ball at many indexations agree best. The certificate is not
+//! used (paper 4, section 7, N2 to S3).
 
 use nalgebra::{Matrix3, Vector3};
 
-/// Smallest over largest singular value of the equations below which the stylus is not determined.
+/// Minimum ratio of smallest to largest singular value of the equations; below it the stylus is not
+/// determined.
 const MIN_RATIO: f64 = 1e-6;
 
-/// Change of the stylus by a change of each point in the table frame: the sum of gain·change.
+/// Gain of the stylus for a change of each point in the table frame: the change of the stylus is the sum of
+/// gain·change.
 pub type StylusGain = Vec<Matrix3<f64>>;
 
-/// The least-squares gain; zero for points of balls that do not count. `by_stylus`: derivative of each point.
-/// `None`: the indexations do not determine the stylus.
+/// The least-squares gain; zero for points of balls that `counts` excludes. `by_stylus`: derivative of each
+/// point. `None`: the indexations do not determine the stylus.
 pub fn stylus_gain(
     by_stylus: &[Matrix3<f64>],
     ball: &[usize],
@@ -22,7 +24,7 @@ pub fn stylus_gain(
         sums[*ball] += column;
         numbers[*ball] += 1.0;
     }
-    // The mean place of each ball is an unknown too.
+    // The mean position of each ball is an unknown too.
     let centred = |(ball, column): (&usize, &Matrix3<f64>)| match counts(*ball) {
         true => column - sums[*ball] / numbers[*ball],
         false => Matrix3::zeros(),
@@ -35,7 +37,7 @@ pub fn stylus_gain(
     Some(centred.iter().map(|column| -inverse * column.transpose()).collect())
 }
 
-/// The change of the stylus that the changes of the points make.
+/// The change of the stylus from the changes of the points.
 pub fn stylus_change(gain: &StylusGain, changes: &[Vector3<f64>]) -> Vector3<f64> {
     gain.iter().zip(changes).map(|(gain, change)| gain * change).sum()
 }

@@ -1,5 +1,6 @@
-//! The variants of paper 4, section 7: which machine and which stylus bring the readings into the table frame, and
-//! how far the balls then are from their certificate, after one rigid fit over all points.
+//! The variants of paper 4, section 7: the machine and the stylus with which the readings are transformed
+//! into the table frame. Their results are the deviations of the balls from the certificate after one rigid
+//! fit over all points.
 
 use estimation::rigid::RigidFit;
 use nalgebra::{Matrix3, Vector3};
@@ -8,23 +9,23 @@ use super::points::Points;
 use super::stylus::{StylusGain, stylus_change};
 use machine::kinematics::ErrorTerm;
 
-/// Which machine and which stylus.
+/// Machine and stylus of a variant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Kind {
-    /// As in the paper.
+    /// Name in the paper.
     pub name: &'static str,
-    /// The machine of the prior; otherwise the nominal one.
+    /// Whether the variant uses the machine of the prior; otherwise it uses the nominal one.
     pub is_calibrated: bool,
     pub stylus: StylusFrom,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StylusFrom {
-    /// The machine file.
+    /// The stated stylus of the machine file.
     Stated,
     OneBall,
     AllBalls,
-    /// Machine errors and stylus at once, less the spindle's offset of the prior.
+    /// Fitted together with the machine errors, minus the offset of the spindle in the prior.
     FullFit,
 }
 
@@ -45,31 +46,31 @@ pub const KINDS: [Kind; 7] = [
 /// A variant with its deviations and their first-order changes.
 pub struct Variant {
     pub kind: Kind,
-    /// mm from the spindle datum.
+    /// Stylus from the spindle datum, mm.
     pub stylus: Vector3<f64>,
-    /// Of the certified places onto those that the machine sees, table frame, mm.
+    /// Fit of the certified positions to the measured ones, table frame, mm.
     pub fit: RigidFit,
     /// Derivative of each point by the stylus.
     by_stylus: Vec<Matrix3<f64>>,
-    /// `None`: the stylus is as stated.
+    /// Gain of the stylus. `None`: the stylus is as stated.
     gain: Option<StylusGain>,
     /// Change of the stylus by each error of the prior (S4).
     by_prior: Vec<Vector3<f64>>,
 }
 
-/// Changes of what the variants are computed from.
+/// Changes of the inputs of the variants.
 pub struct Changes<'a> {
-    /// Of each point in the table frame, mm, without the machine's errors.
+    /// Change of each point in the table frame, mm, without the errors of the machine.
     pub points: &'a [Vector3<f64>],
-    /// Of each point by the errors of the prior.
+    /// Change of each point by the errors of the prior.
     pub by_errors: &'a [Vector3<f64>],
-    /// Of the errors of the prior.
+    /// Changes of the errors of the prior.
     pub errors: &'a [f64],
-    /// Of each point's certified place, artefact frame, mm.
+    /// Change of the certified position of each point, artefact frame, mm.
     pub certified: &'a [Vector3<f64>],
 }
 
-/// How the stylus is found.
+/// A stylus and its derivatives.
 pub struct Found {
     pub stylus: Vector3<f64>,
     pub gain: Option<StylusGain>,
@@ -77,7 +78,7 @@ pub struct Found {
 }
 
 impl Variant {
-    /// `errors`: of the machine of this variant.
+    /// `errors`: errors of the machine of this variant.
     pub fn new(kind: Kind, points: &Points, errors: &[ErrorTerm], found: Found) -> Self {
         let seen = points.seen(errors, found.stylus);
         Self {
@@ -90,7 +91,7 @@ impl Variant {
         }
     }
 
-    /// Whether the stylus is a result.
+    /// Whether the stylus is a result of the fit.
     pub fn has_stylus(&self) -> bool {
         self.gain.is_some()
     }

@@ -1,14 +1,14 @@
-//! The functions of the rotary angle of which each error motion is a sum.
+//! Basis functions of the rotary angle; each error motion is a linear combination of them.
 
 use std::f64::consts::TAU;
 
-/// The same functions serve all six error motions.
+/// Basis functions, the same for all six error motions.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Basis {
-    /// cos kθ and sin kθ of k = 1..=`order`, then cos θ/n and sin θ/n of n = 2..=`sub_order` (paper 5,
-    /// Eq. (2); the constant that the equation lacks is gauge). θ is the commanded angle, not wrapped.
+    /// cos kθ and sin kθ for k = 1..=`order`, then cos θ/n and sin θ/n for n = 2..=`sub_order` (paper 5, Eq.
+    /// (2); the constant that the equation lacks is gauge). θ is the commanded angle, not wrapped.
     Fourier { order: usize, sub_order: usize },
-    /// A value of its own at each stop.
+    /// A separate value at each stop; the number of stops.
     Stops(usize),
 }
 
@@ -24,7 +24,7 @@ impl Basis {
         matches!(self, Self::Fourier { sub_order, .. } if *sub_order > 1)
     }
 
-    /// Values of the functions at the commanded `angle`, rad, of the stop `stop`.
+    /// Values of the functions at the stop `stop` with the commanded `angle`, rad.
     pub fn values(&self, angle: f64, stop: usize) -> Vec<f64> {
         match self {
             Self::Fourier { .. } => {
@@ -47,7 +47,7 @@ impl Basis {
         }
     }
 
-    /// Periods in one revolution, of each pair of cosine and sine. None of values at stops.
+    /// Periods per revolution of each pair of cosine and sine; none with values at stops.
     pub fn frequencies(&self) -> impl Iterator<Item = f64> {
         let (order, sub_order) = match self {
             Self::Fourier { order, sub_order } => (*order, *sub_order),
@@ -58,7 +58,7 @@ impl Basis {
     }
 }
 
-/// Equal angles from 0 in one revolution, rad.
+/// Equally spaced angles from 0 in one revolution, rad.
 pub fn equal_angles(count: usize) -> impl Iterator<Item = f64> {
     (0..count).map(move |i| TAU * i as f64 / count as f64)
 }

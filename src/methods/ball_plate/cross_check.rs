@@ -1,4 +1,4 @@
-//! Least squares over all visits against the four steps of paper 5.
+//! Comparison of least squares over all visits with the four steps of paper 5.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -16,11 +16,11 @@ pub enum CrossCheck {
     Compared(CoefficientDifference),
 }
 
-/// The coefficient of an error motion that differs most against its expanded uncertainty.
+/// The coefficient of an error motion with the largest difference relative to its expanded uncertainty.
 pub struct CoefficientDifference {
     pub symbol: String,
     pub unit: Unit,
-    /// Internal unit.
+    /// Difference in the internal unit.
     pub by: f64,
     pub expanded: f64,
 }
@@ -50,8 +50,8 @@ impl CrossCheck {
         })
     }
 
-    /// Unequal weights alone make less than U: between estimates whose weights vary by a factor of two the standard
-    /// deviation of a difference is 0.35 u, by a factor of four 0.75 u.
+    /// Warning if the difference exceeds U. Unequal weights alone cause less than U: if the weights vary by a
+    /// factor of two, the standard deviation of a difference is 0.35 u; by a factor of four, 0.75 u.
     pub fn warning(&self) -> Option<String> {
         let Self::Compared(difference) = self else { return None };
         (difference.by > difference.expanded).then(|| {
@@ -95,7 +95,7 @@ fn unit_of(layout: &Layout, coefficient: usize) -> Unit {
     super::outputs::unit(COMPONENTS[component])
 }
 
-/// Why the four steps do not apply.
+/// Reason why the four steps do not apply.
 fn obstacle(solved: &Solved<'_>) -> Option<&'static str> {
     let Solved { design, measured, plate, settings, .. } = solved;
     let (balls, positions) = (plate.steps.len(), settings.positions);
@@ -115,7 +115,7 @@ fn obstacle(solved: &Solved<'_>) -> Option<&'static str> {
     }
 }
 
-/// Deviations of the sightings, less the fitted drift and the steps at interruptions, mm.
+/// Deviations of the sightings, minus the fitted drift and the steps at interruptions, mm.
 fn without_drift(solved: &Solved<'_>) -> Vec<Vector3<f64>> {
     let Solved { design, measured, solution, a, .. } = solved;
     let drift = design.layout.drift(1, 0)..design.layout.place(0, 0);

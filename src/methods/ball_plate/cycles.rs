@@ -1,4 +1,5 @@
-//! What each revolution shows by itself: whether error motions and linear axes repeat (paper 5, Figs. 8 and 9).
+//! Results of single revolutions, which show whether error motions and linear axes repeat (paper 5, Figs. 8
+//! and 9).
 
 use nalgebra::Vector3;
 
@@ -14,14 +15,14 @@ use machine::record::estimate::{FigureKind, Function, Unit};
 pub fn functions(solved: &Solved<'_>) -> Vec<Function> {
     let residuals: Vec<Vector3<f64>> = solved.residuals().collect();
     let mut all = linear_axes(solved, &residuals);
-    // Values at the stops show every revolution already.
+    // Values at the stops already show every revolution.
     if !solved.settings.values {
         all.extend(error_motions(solved, &residuals));
     }
     all
 }
 
-/// Over an angle, without a stated uncertainty: a curve each revolution or direction.
+/// Curves over an angle without a stated uncertainty, one curve per revolution or direction.
 fn curves(
     symbol: String,
     argument: &str,
@@ -37,7 +38,7 @@ fn curves(
     }
 }
 
-/// Deviations of X, Y and Z at the measuring positions, revolution by revolution.
+/// Deviations of X, Y and Z at the measuring positions, by revolution.
 fn linear_axes(solved: &Solved<'_>, residuals: &[Vector3<f64>]) -> Vec<Function> {
     let (layout, x) = (&solved.design.layout, &solved.solution.x);
     let positions = solved.settings.positions;
@@ -51,7 +52,7 @@ fn linear_axes(solved: &Solved<'_>, residuals: &[Vector3<f64>]) -> Vec<Function>
     let of_axis = |(k, axis): (usize, Axis)| {
         let angles = (0..revolutions).flat_map(|_| equal_angles(positions));
         let of_place = |(i, (angle, (sum, count))): (usize, (f64, &(Vector3<f64>, f64)))| {
-            // A linear axis that stands too far shows too little.
+            // If the true position of a linear axis is too large, its displayed position is too small.
             (*count > 0.0).then(|| (angle, x[layout.place(i % positions, k)] - sum[k] / count))
         };
         let points = angles.zip(&sums).enumerate().filter_map(of_place);
@@ -60,8 +61,8 @@ fn linear_axes(solved: &Solved<'_>, residuals: &[Vector3<f64>]) -> Vec<Function>
     Axis::LINEAR.into_iter().enumerate().map(of_axis).collect()
 }
 
-/// Error motions at the stops, harmonics and what the residuals of the stop show beside them; first with rising, then
-/// with falling commands.
+/// Error motions at the stops: the harmonics plus the residuals of the stop; rising commands first, then
+/// falling ones.
 fn error_motions(solved: &Solved<'_>, residuals: &[Vector3<f64>]) -> Vec<Function> {
     let (layout, stops, x) = (&solved.design.layout, &solved.design.stops, &solved.solution.x);
     let axis = solved.plate.axis;

@@ -1,4 +1,4 @@
-//! The stops of the table and the visits of the balls, and what they would lose.
+//! The stops of the table and the visits of the balls, and the harmonics that the layout loses.
 
 use std::f64::consts::TAU;
 
@@ -16,7 +16,7 @@ use machine::record::plan::Plan;
 
 pub struct Design {
     pub stops: Vec<Stop>,
-    /// Of each stop: number of steps of 360°/M from zero.
+    /// Position of each stop, in steps of 360°/M from zero.
     pub numbers: Vec<i64>,
     pub visits: Vec<Visit>,
     pub layout: Layout,
@@ -24,7 +24,7 @@ pub struct Design {
 
 impl Design {
     /// # Errors
-    /// An axis that cannot turn so far.
+    /// The limits of the axis do not allow the revolutions.
     pub fn new(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Self, Refused> {
         let numbers = numbers(plan, settings, plate)?;
         let step = TAU / settings.positions as f64;
@@ -41,7 +41,7 @@ impl Design {
         let layout = Layout {
             basis: basis(settings, stops.len()),
             has_reversal: settings.both_directions && !settings.values,
-            // The values of a stop take the drift up to that stop.
+            // The values of a stop include the drift up to that stop.
             drift_order: if settings.values { 0 } else { settings.drift_order },
             interruptions: 0,
             places: settings.positions,
@@ -52,10 +52,10 @@ impl Design {
         Ok(Self { stops, numbers, visits, layout })
     }
 
-    /// Before anything moves: the rank of the nominal equations.
+    /// Checks the rank of the nominal equations before the first motion.
     ///
     /// # Errors
-    /// Visits that do not separate the error motions, with a better layout.
+    /// The visits do not separate the error motions; the error proposes a better layout.
     pub fn check(&self, settings: &Settings, plate: &Plate<'_>) -> Result<(), Refused> {
         let sightings = self.nominal(settings, plate);
         let numerical = |error: estimation::linear::LinearError| Refused {
@@ -90,7 +90,8 @@ impl Design {
         })
     }
 
-    /// As if every ball stood where it is stated; machine frame along the table frame.
+    /// Sightings as if every ball were at its stated position, with the machine frame parallel to the table
+    /// frame.
     fn nominal(&self, settings: &Settings, plate: &Plate<'_>) -> Vec<Sighting> {
         let count = self.stops.len().max(2) as f64;
         let mut sightings = Vec::new();
@@ -125,26 +126,26 @@ fn basis(settings: &Settings, stops: usize) -> Basis {
     }
 }
 
-/// Displacement of a point by each error motion, mm per mm or rad. `from_axis`: from the point about which the
-/// table tilts, mm.
+/// Displacement of a point by each error motion, mm per mm or rad. `from_axis`: vector to the point from the
+/// point about which the table tilts, mm.
 pub fn rigid_motion(from_axis: Vector3<f64>) -> [Vector3<f64>; 6] {
     let unit = |axis: usize| Vector3::from_fn(|k, _| f64::from(u8::from(k == axis)));
     let turned = |axis: usize| unit(axis).cross(&from_axis);
     [unit(0), unit(1), unit(2), turned(0), turned(1), turned(2)]
 }
 
-/// Steps of the stops from zero: rising, then back.
+/// Positions of the stops in steps from zero: rising, then falling.
 fn numbers(plan: &Plan, settings: &Settings, plate: &Plate<'_>) -> Result<Vec<i64>, Refused> {
     let Settings { positions, revolutions, .. } = *settings;
     let steps = Turns { positions, revolutions, lead: 0 }.within(plan, plate.axis)?;
     let (first, last) = (*steps.start(), *steps.end());
     let rising = first..last;
-    // The turn back begins one step beyond the last stop, and ends one step after the first.
+    // The return begins one step beyond the last stop and ends one step after the first.
     let falling = (first + 1..=last).rev().filter(|_| settings.both_directions);
     Ok(rising.chain(falling).collect())
 }
 
-/// Harmonics up to `order` at which all balls come to each place at the same phase.
+/// Harmonics up to `order` at which all balls arrive at each measuring position with the same phase.
 pub fn lost_harmonics(steps: &[usize], positions: usize, order: usize) -> Vec<usize> {
     let first = steps.first().copied().unwrap_or(0);
     let is_lost = |k: &usize| {
@@ -153,8 +154,8 @@ pub fn lost_harmonics(steps: &[usize], positions: usize, order: usize) -> Vec<us
     (1..=order).filter(is_lost).collect()
 }
 
-/// Steps of `balls` balls, nearly even, that lose no harmonic, and none nearly: the worst is as good as can
-/// be had by shifting each ball the farther the later it comes.
+/// Steps for `balls` balls, nearly evenly spaced, at which no harmonic is lost or nearly lost. The candidates
+/// shift each ball further than the one before; the one with the best worst harmonic is chosen.
 pub fn staggered(balls: usize, positions: usize) -> Vec<usize> {
     let width = (positions / balls.max(1)).max(1);
     let candidate = |shift: usize| -> Vec<usize> {

@@ -9,27 +9,27 @@ use estimation::linear::{
     self, LinearError, LinearProblem, LinearSolution, RANK_THRESHOLD, Survey,
 };
 
-/// One ball at one stop.
+/// One measurement of a ball at one stop.
 #[derive(Debug, Clone)]
 pub struct Sighting {
     pub stop: usize,
     pub ball: usize,
-    /// Measuring position.
+    /// Index of the measuring position.
     pub place: usize,
-    /// Time over half the duration of the run, from its middle: −1 to 1.
+    /// Time from the middle of the run, divided by half its duration: −1 to 1.
     pub time: f64,
     /// Number of interruptions before it.
     pub segment: usize,
-    /// X, Y, Z at which the stylus ball coincides with the ball, less those of the nominal machine for the ball's
-    /// expected place, mm.
+    /// Axis positions X, Y, Z at which the stylus ball coincides with the ball, minus those of the nominal
+    /// machine for the expected position of the ball, mm.
     pub deviation: Vector3<f64>,
-    /// Change of that deviation by each error motion of the rotary axis, mm per mm or rad.
+    /// Derivative of that deviation by each error motion of the rotary axis, mm per mm or rad.
     pub by_motion: [Vector3<f64>; COMPONENTS.len()],
-    /// The same by the place of the ball in the table frame.
+    /// Derivative of that deviation by the position of the ball in the table frame.
     pub by_ball: Matrix3<f64>,
 }
 
-/// Deviations of all sightings as linear functions of the unknowns; three rows a sighting.
+/// Design matrix: deviations of all sightings as linear functions of the unknowns, three rows per sighting.
 pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[Sighting]) -> Mat<f64> {
     let mut a = Mat::zeros(3 * sightings.len(), layout.unknowns());
     for (i, sighting) in sightings.iter().enumerate() {
@@ -43,7 +43,7 @@ pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[Sighting]) -> Mat<f6
                 set(layout.motion(component, function), by * *value);
             }
             if layout.has_reversal {
-                // The reversal value is the whole difference between both directions.
+                // The reversal value is the full difference between both directions.
                 set(layout.reversal(component), by * (0.5 * stop.direction));
             }
         }
@@ -55,7 +55,7 @@ pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[Sighting]) -> Mat<f6
             for interruption in 0..sighting.segment.min(layout.interruptions) {
                 set(layout.step(interruption, axis), along);
             }
-            // A linear axis that stands too far shows too little.
+            // If the true position of a linear axis is too large, its displayed position is too small.
             set(layout.place(sighting.place, axis), -along);
             set(layout.ball(sighting.ball, axis), sighting.by_ball.column(axis).into_owned());
         }
@@ -64,7 +64,7 @@ pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[Sighting]) -> Mat<f6
 }
 
 /// # Errors
-/// Visits that do not separate the unknowns.
+/// The visits do not separate the unknowns.
 pub fn solve(
     layout: &Layout,
     stops: &[Stop],
@@ -83,10 +83,10 @@ pub fn solve(
     Ok((a, solution))
 }
 
-/// What the visits cannot tell, with or without the gauge.
+/// Null space of the equations of the visits, with or without the gauge.
 ///
 /// # Errors
-/// As [`linear::survey`].
+/// The errors of [`linear::survey`].
 pub fn survey(
     layout: &Layout,
     stops: &[Stop],

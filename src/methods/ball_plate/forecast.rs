@@ -1,4 +1,4 @@
-//! What a run will reach, from its plan alone.
+//! Expected uncertainty of a run, from its plan alone.
 
 use super::identify::identified;
 use super::layout::COMPONENTS;
@@ -11,11 +11,11 @@ use crate::ball_measurement::nominal_readings;
 use crate::identification::{Curve, Identification, assumed_repeatability, with_repeatability};
 use machine::record::plan::Plan;
 
-/// Expected U of the error motions, and what is not identifiable, a line each. `plan`: with all steps at nominal
-/// positions, of `machine_s` of machine time.
+/// Expected U of the error motions, and what is not identifiable, one line each. All steps of `plan` have
+/// nominal positions; the plan takes `machine_s` seconds of machine time.
 ///
 /// # Errors
-/// A plan whose visits do not separate the unknowns.
+/// The visits of the plan do not separate the unknowns.
 pub fn forecast(
     plan: &Plan,
     settings: &Settings,
@@ -41,7 +41,7 @@ pub fn forecast(
     Ok(lines)
 }
 
-/// The largest U of a point of the curve.
+/// The largest U of the points of the curve, as text.
 fn largest(identified: &Identification, curve: &Curve) -> String {
     let expanded = |slope: &Vec<f64>| identified.propagation.uncertainty(slope).expanded();
     let largest = curve.slopes.iter().map(expanded).fold(0.0, f64::max);

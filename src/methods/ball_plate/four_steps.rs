@@ -1,6 +1,7 @@
-//! The solution in four steps of paper 5, section 2.3: means over the measuring positions and over the balls, a rigid
-//! body at each stop, a trigonometric polynomial through each error motion. On complete visits of balls at equal
-//! angles the steps are least squares over all visits; with visits missing they are not (METHODS section 5).
+//! The solution in four steps of paper 5, section 2.3: means over the measuring positions and over the balls,
+//! a rigid body at each stop, and a trigonometric polynomial through each error motion. For complete visits
+//! of balls at equal angles the result equals least squares over all visits; with missing visits it does not
+//! (METHODS section 5).
 
 use std::collections::BTreeMap;
 
@@ -11,20 +12,20 @@ use super::equations::Sighting;
 use super::layout::{COMPONENTS, Layout, Stop};
 use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
 
-/// Error motions and reversal as the layout orders them, from the `deviations` of the sightings without drift, mm.
-/// `None`: a stop or the stops do not determine them.
+/// Error motions and reversal in the order of the layout, from the `deviations` of the sightings without
+/// drift, mm. `None`: the sightings of a stop, or the stops, do not determine them.
 pub fn four_steps(
     layout: &Layout,
     stops: &[Stop],
     sightings: &[Sighting],
     deviations: &[Vector3<f64>],
 ) -> Option<Vec<f64>> {
-    // 1. The measuring positions: every ball comes to each, and the mean of the error motions is zero there.
+    // 1. The measuring positions: every ball visits each, and the mean of the error motions there is zero.
     let places = means(sightings, deviations, |sighting| sighting.place);
     let from_place =
         |(sighting, value): (&Sighting, &Vector3<f64>)| value - places[&sighting.place];
     let corrected: Vec<Vector3<f64>> = sightings.iter().zip(deviations).map(from_place).collect();
-    // 2. The plate: each ball over all stops, in the frame of the table.
+    // 2. The plate: each ball over all stops, in the table frame.
     let to_table =
         |(sighting, value): (&Sighting, &Vector3<f64>)| sighting.by_ball.transpose() * value;
     let on_table: Vec<Vector3<f64>> = sightings.iter().zip(&corrected).map(to_table).collect();
@@ -33,7 +34,7 @@ pub fn four_steps(
         value - sighting.by_ball * balls[&sighting.ball]
     };
     let of_table: Vec<Vector3<f64>> = sightings.iter().zip(&corrected).map(from_ball).collect();
-    // 3. The plate as a rigid body at each stop: its centre, its plane and its turn.
+    // 3. The plate as a rigid body at each stop: its centre, its plane and its rotation.
     let bodies = rigid_bodies(sightings, &of_table);
     let bodies: Vec<[f64; 6]> =
         (0..stops.len()).map(|stop| bodies.get(&stop).copied()).collect::<Option<_>>()?;
@@ -55,8 +56,8 @@ fn means<K: Ord>(
     groups.into_iter().map(|(key, values)| (key, mean(values))).collect()
 }
 
-/// The six error motions that `values` of the sightings show at each stop, mm and rad. A stop whose balls do not
-/// determine them is left out.
+/// The six error motions at each stop from the `values` of the sightings, mm and rad. Stops whose balls do
+/// not determine them are left out.
 pub fn rigid_bodies(
     sightings: &[Sighting],
     values: &[Vector3<f64>],

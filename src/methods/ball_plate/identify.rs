@@ -1,4 +1,4 @@
-//! Plan + readings → estimate.
+//! Identification: from plan and readings to the estimate.
 
 use super::cross_check::CrossCheck;
 use super::layout::COMPONENTS;
@@ -17,13 +17,13 @@ use machine::record::reading::Reading;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x6261_6c6c;
-/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+/// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
-/// Products of the Monte Carlo propagation at most, so that it stays a matter of seconds.
+/// Maximum number of products in the Monte Carlo propagation, so that it takes seconds.
 const MAX_PRODUCTS: usize = 8_000_000_000;
 
 /// # Errors
-/// Readings that do not belong to the plan or do not separate the unknowns.
+/// The readings do not belong to the plan or do not separate the unknowns.
 pub fn identify(
     plan: &Plan,
     settings: &Settings,
@@ -72,7 +72,7 @@ fn estimate(solved: &Solved<'_>, identified: &Identification) -> Estimate {
         warnings,
         ..identified.estimate(super::NAME)
     };
-    // The ranges, which tolerances are stated for, come first.
+    // The ranges come first, because tolerances are stated for them.
     estimate.parameters.rotate_right(COMPONENTS.len());
     let spectra = outputs::harmonic_functions(solved);
     let spectra = spectra.iter().map(|motion| identified.spectrum(motion, &solved.solution.x));

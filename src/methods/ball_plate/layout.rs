@@ -6,36 +6,36 @@ use nalgebra::Vector3;
 use super::basis::Basis;
 use machine::Axis;
 
-/// The six error motions in their order: X, Y, Z in mm, A, B, C in rad.
+/// The six error motions in their order: X, Y, Z in mm; A, B, C in rad.
 pub const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
-/// A direction at a ball, from its outward radial direction.
+/// A direction at a ball as a function of its outward radial direction.
 pub type DirectionAtBall = fn(&Vector3<f64>) -> Vector3<f64>;
 
 /// A stop of the table.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stop {
-    /// Commanded, not wrapped, rad.
+    /// Commanded angle, not wrapped, rad.
     pub angle: f64,
-    /// +1 where the command rises towards it, −1 where it falls.
+    /// +1 if the command rises towards the stop, −1 if it falls.
     pub direction: f64,
 }
 
-/// Which unknowns there are. Order: error motions (component by component, function by function), reversal
-/// (a component each), drift (order by order, X, Y, Z), steps at interruptions (X, Y, Z each), measuring positions (X, Y, Z each), balls (X, Y, Z
-/// each).
+/// The unknowns and their order: error motions (component by component, function by function), reversal (one
+/// per component), drift (order by order, X, Y, Z), steps at interruptions (X, Y, Z each), measuring
+/// positions (X, Y, Z each), balls (X, Y, Z each).
 #[derive(Debug, Clone)]
 pub struct Layout {
     pub basis: Basis,
     pub has_reversal: bool,
     pub drift_order: usize,
-    /// Interruptions of the run: the table may stand elsewhere after each.
+    /// Number of interruptions of the run. The table may be displaced after each.
     pub interruptions: usize,
-    /// Measuring positions.
+    /// Number of measuring positions.
     pub places: usize,
     /// Outward radial direction of each ball, table frame.
     pub radial: Vec<Vector3<f64>>,
-    /// Sense in which a rising command turns the table about +Z: +1 right-handed, −1 as in ISO 841.
+    /// Sense of rotation of the table about +Z for a rising command: +1 right-handed, −1 as in ISO 841.
     pub turn: f64,
 }
 
@@ -53,12 +53,12 @@ impl Layout {
         COMPONENTS.len() * self.basis.len() + reversal
     }
 
-    /// `order` from 1 on.
+    /// Index of a drift coefficient; `order` starts at 1.
     pub fn drift(&self, order: usize, axis: usize) -> usize {
         self.first_drift() + 3 * (order - 1) + axis
     }
 
-    /// Step of the table at an interruption, from 0 on.
+    /// Index of the table's step at an interruption, which counts from 0.
     pub fn step(&self, interruption: usize, axis: usize) -> usize {
         self.first_drift() + 3 * (self.drift_order + interruption) + axis
     }
@@ -75,7 +75,7 @@ impl Layout {
         self.ball(self.radial.len(), 0)
     }
 
-    /// Names of all unknowns, for an axis of this letter.
+    /// Names of all unknowns, for the rotary axis `axis`.
     pub fn names(&self, axis: Axis) -> Vec<String> {
         let suffixes = self.basis.suffixes();
         let motions = COMPONENTS.iter().flat_map(|component| {
@@ -96,7 +96,7 @@ impl Layout {
     /// The gauge as rows C·x = 0 (METHODS section 5: thirteen rigid and scale combinations):
     /// - with a value for each stop, the mean of each error motion (a Fourier basis has no constant);
     /// - the co-rotating first order of (X, Y) and of (A, B): eccentricity and tilt of the plate;
-    /// - the plate's mean height, mean turn and mean radius, which the measuring positions take.
+    /// - the mean height, rotation and radius of the plate, which the measuring positions absorb.
     pub fn gauge(&self, stops: &[Stop]) -> Mat<f64> {
         let mut rows = Vec::new();
         if matches!(self.basis, Basis::Stops(_)) {
@@ -115,7 +115,7 @@ impl Layout {
         Mat::from_fn(rows.len(), self.unknowns(), |i, j| rows[i][j])
     }
 
-    /// Σ over the stops of an error motion times a weight of the angle, as coefficients of the unknowns.
+    /// Coefficients of the unknowns in Σ of an error motion times a weight of the angle, over the stops.
     fn weighted_sum(
         &self,
         stops: &[Stop],

@@ -1,6 +1,6 @@
-//! Six error motions of a rotary table from balls on a circle that nobody has calibrated, on a machine whose
-//! linear axes need not be known (paper 5; METHODS section 5). Every ball is measured at every stop of the
-//! table; least squares over all visits separates the table, the plate and the linear axes.
+//! Six error motions of a rotary table from uncalibrated balls on a circle, on a machine whose linear axes
+//! need not be known (paper 5; METHODS section 5). Every ball is measured at every stop of the table; least
+//! squares over all visits separates the table, the plate and the linear axes.
 
 mod basis;
 mod cross_check;
@@ -32,7 +32,7 @@ use machine::record::plan::{Plan, Stage};
 use machine::record::reading::Reading;
 
 pub const NAME: &str = "ball-plate";
-/// A longer run needs `long = true`: drift decides what it is worth.
+/// Maximum duration of a run without `long = true`, s: drift limits the value of a longer run.
 const MAX_DURATION_S: f64 = 4.0 * 3600.0;
 
 pub struct BallPlate {

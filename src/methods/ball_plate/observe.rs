@@ -1,4 +1,4 @@
-//! Readings to sightings.
+//! Conversion of readings to sightings.
 
 use std::collections::BTreeSet;
 
@@ -16,18 +16,18 @@ use machine::kinematics::{Chain, ErrorParameter, KinematicsError, Shape};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
-/// What a run has measured.
+/// Measurements of a run.
 pub struct Measured {
-    /// The slow measurements alone, in the order of their times.
+    /// The slow measurements only, in order of time.
     pub observed: Observed,
-    /// One for each of `observed.centres`.
+    /// The sighting of each of `observed.centres`.
     pub sightings: Vec<Sighting>,
-    /// Of each ball, table frame: where the first of its measurements found it by the nominal machine, mm.
+    /// Position of each ball from its first measurement with the nominal machine, table frame, mm.
     pub expected: Vec<Vector3<f64>>,
 }
 
 /// # Errors
-/// Readings that do not belong to the plan; a ball that was never measured.
+/// The readings do not belong to the plan; a ball was never measured.
 pub fn measured(
     plan: &Plan,
     settings: &Settings,
@@ -84,7 +84,8 @@ pub fn measured(
     Ok(Measured { observed, sightings, expected })
 }
 
-/// Of each measurement: how many interruptions, with measurements on either side, lie before it.
+/// Number of interruptions before each measurement. Only interruptions with measurements before and after
+/// them count.
 fn segments(plan: &Plan, centres: &[BallCentre]) -> Vec<usize> {
     let gaps = |centre: &BallCentre| plan.gaps_s.iter().filter(|gap| centre.t_s > **gap).count();
     let counts: Vec<usize> = centres.iter().map(gaps).collect();

@@ -13,7 +13,7 @@ use crate::identification::{
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
 
-/// Points of a curve in one revolution.
+/// Number of points of a curve per revolution.
 const CURVE_POINTS: usize = 72;
 
 pub fn outputs(solved: &Solved<'_>) -> Outputs {
@@ -33,7 +33,7 @@ pub fn outputs(solved: &Solved<'_>) -> Outputs {
     }
 }
 
-/// Each motion by its harmonics. None with values at the stops.
+/// Each motion as its harmonics; empty with values at the stops.
 pub fn harmonic_functions(solved: &Solved<'_>) -> Vec<HarmonicFunction> {
     let (layout, axis) = (&solved.design.layout, solved.plate.axis);
     let unknowns = layout.unknowns();
@@ -75,7 +75,7 @@ fn parameters(solved: &Solved<'_>) -> Vec<Output> {
     parameters
 }
 
-/// Centre of the balls' circle from the axis, and the slope of their plane, table frame.
+/// Offset of the circle of the balls from the axis, and slope of its plane, table frame.
 fn setting_up(solved: &Solved<'_>) -> Vec<Output> {
     let (layout, plate, x) = (&solved.design.layout, solved.plate, &solved.solution.x);
     let circle = centring_weights(&plate.radial);
@@ -111,8 +111,8 @@ fn setting_up(solved: &Solved<'_>) -> Vec<Output> {
     list
 }
 
-/// Least squares of a quantity over the balls as a·cos + b·sin + constant of their azimuth: weights of the
-/// quantity at each ball in a and b.
+/// Least-squares fit of a quantity over the balls as a·cos + b·sin + constant of their azimuth: weights of
+/// the value at each ball in a and b.
 fn centring_weights(radial: &[Vector3<f64>]) -> Vec<[f64; 2]> {
     let row = |r: &Vector3<f64>| Vector3::new(r.x, r.y, 1.0);
     let normal: Matrix3<f64> = radial.iter().map(|r| row(r) * row(r).transpose()).sum();
@@ -162,7 +162,8 @@ fn curve(
     Curve { symbol, argument, argument_unit, x: at, y, unit, figure, slopes }
 }
 
-/// Each ball from where it stands in the first measurement by the nominal machine: outward, along the turn, up.
+/// Deviation of each ball from its position in the first measurement with the nominal machine: radial,
+/// tangential, axial.
 fn plate_curves(solved: &Solved<'_>) -> impl Iterator<Item = Curve> {
     let (layout, plate, x) = (&solved.design.layout, solved.plate, &solved.solution.x);
     let directions: [(&str, DirectionAtBall); 3] = [
@@ -184,7 +185,7 @@ fn plate_curves(solved: &Solved<'_>) -> impl Iterator<Item = Curve> {
     })
 }
 
-/// True less displayed position of each linear axis at the measuring positions, as far as the gauge leaves it.
+/// True minus displayed position of each linear axis at the measuring positions, within the gauge.
 fn linear_axis_curves(solved: &Solved<'_>) -> impl Iterator<Item = Curve> {
     let (layout, x) = (&solved.design.layout, &solved.solution.x);
     Axis::LINEAR.into_iter().enumerate().map(move |(k, axis)| {

@@ -1,4 +1,4 @@
-//! The plate on its table: which axis turns it, and where its balls stand about that axis.
+//! The plate on its table: the axis that turns it, and the positions of its balls about that axis.
 
 use std::f64::consts::TAU;
 
@@ -12,32 +12,32 @@ use machine::record::artefact::Balls;
 use machine::record::plan::Plan;
 use machine::{Axis, Position};
 
-/// A ball stands so near to its measuring position that the deviations of the linear axes are the same there
-/// (paper 5, section 2.2), mm.
+/// Maximum distance of a ball from its measuring position, mm. Within it the deviations of the linear axes
+/// are the same (paper 5, section 2.2).
 pub const MAX_OFF_PLACE_MM: f64 = 1.0;
-/// Smaller circles show no tilt worth measuring, mm.
+/// Minimum radius of the circle, mm: a smaller one does not show tilt sufficiently.
 const MIN_RADIUS_MM: f64 = 10.0;
 
 pub struct Plate<'a> {
     pub balls: &'a Balls,
     /// The axis that turns the plate.
     pub axis: Axis,
-    /// All other rotary axes, where they stand.
+    /// Positions of all other rotary axes.
     pub still: Position,
     /// A point on the axis at the height of `point_mm`, table frame, mm.
     pub point: Vector3<f64>,
-    /// +1: a rising command turns the table right-handed about +Z.
+    /// Sense of rotation: +1 if a rising command turns the table right-handed about +Z.
     pub turn: f64,
-    /// Circle of the balls, mm.
+    /// Radius of the circle of the balls, mm.
     pub radius_mm: f64,
     pub radial: Vec<Vector3<f64>>,
-    /// Step of 360°/M at which each ball stands, counted from the first ball, counter-clockwise.
+    /// Position of each ball in steps of 360°/M, counted from the first ball, counter-clockwise.
     pub steps: Vec<usize>,
 }
 
 impl<'a> Plate<'a> {
     /// # Errors
-    /// No rotary table along Z; balls that do not stand on one circle at multiples of 360°/M.
+    /// The machine has no rotary table along Z; the balls are not on one circle at multiples of 360°/M.
     pub fn new(plan: &'a Plan, settings: &Settings) -> Result<Self, Refused> {
         let set = balls(super::NAME, &plan.artefact)?;
         let chain = Chain::new(&plan.machine)?;
@@ -63,7 +63,7 @@ impl<'a> Plate<'a> {
         Ok(plate)
     }
 
-    /// One circle, one height, and each ball on its step.
+    /// Checks that the balls are on one circle, at one height, each on its step.
     fn check(&self, settings: &Settings) -> Result<(), Refused> {
         if self.radius_mm < MIN_RADIUS_MM {
             return Err(Refused {
@@ -103,14 +103,14 @@ impl<'a> Plate<'a> {
         Ok(())
     }
 
-    /// Of the balls above `point_mm` of the axis, mm.
+    /// Mean height of the balls above `point_mm` of the axis, mm.
     pub fn height_mm(&self) -> f64 {
         let heights = self.balls.balls.iter().map(|ball| ball.centre_mm[2] - self.point.z);
         heights.sum::<f64>() / self.balls.balls.len().max(1) as f64
     }
 
-    /// Measuring position of a ball at a stop `number` of steps from zero: a step of the machine's circle,
-    /// counted from the first ball's place at zero.
+    /// Measuring position of a ball at a stop `number` steps from zero: a step of the machine's circle,
+    /// counted from the position of the first ball at zero.
     pub fn place(&self, ball: usize, number: i64, positions: usize) -> usize {
         let turned = if self.turn > 0.0 { number } else { -number };
         let step = self.steps.get(ball).copied().unwrap_or(0) as i64;
@@ -118,7 +118,7 @@ impl<'a> Plate<'a> {
     }
 }
 
-/// The nearest multiples of 360°/M, from the first on.
+/// The nearest multiples of 360°/M, counted from the first ball.
 fn steps(radial: &[Vector3<f64>], positions: usize) -> Vec<usize> {
     let azimuth = |r: &Vector3<f64>| r.y.atan2(r.x);
     let first = radial.first().map_or(0.0, azimuth);

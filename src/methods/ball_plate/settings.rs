@@ -8,36 +8,38 @@ use crate::ball_measurement::{Find, TouchSettings};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Stops in one revolution of the table, M. The balls stand at multiples of 360°/M.
+    /// Number M of stops per revolution of the table. The balls are at multiples of 360°/M.
     pub positions: usize,
-    /// Revolutions in each direction.
+    /// Number of revolutions in each direction.
     pub revolutions: usize,
-    /// Whether the table turns back as far as it has turned: otherwise no reversal is seen, and drift
-    /// is harder to tell from the error motions.
+    /// Whether the table also turns back through all stops. Otherwise the reversal is not measured, and drift
+    /// is harder to separate from the error motions.
     pub both_directions: bool,
-    /// Highest harmonic of the six error motions.
+    /// Highest order of the harmonics of the six error motions.
     pub harmonics: usize,
-    /// Sub-harmonics θ/2 to θ/n of bearings and drives that repeat after n revolutions; 0: none.
+    /// Highest n of the sub-harmonics θ/2 to θ/n, for bearings and drives that repeat after n revolutions; 0:
+    /// none.
     pub sub_harmonics: usize,
-    /// Whether each error motion gets a value of its own at each stop, in place of harmonics. Drift and reversal
-    /// are then not fitted: they are part of the values, and drift stands in their U.
+    /// Whether each error motion has a separate value at each stop instead of harmonics. Drift and reversal
+    /// are then not fitted: they are part of the values, and drift is included in their U.
     pub values: bool,
-    /// Order of the polynomial in time that takes the drift of X, Y and Z; 0: none is fitted.
+    /// Order of the polynomial in time that is fitted to the drift of X, Y and Z; 0: none is fitted.
     pub drift_order: usize,
     /// Whether the run may take more than four hours.
     pub long: bool,
-    /// Touches of one measurement: 5, or more for a form check.
+    /// Number of touches of one measurement: 5, or more for a form check.
     pub touches: usize,
-    /// Measure one ball again at the start, the middle and the end.
+    /// Whether one ball is measured again at the start, the middle and the end.
     pub references: bool,
-    /// Clear distance before the expected contact of a slow touch, and how far beyond it may go.
+    /// Clearance before the expected contact of a slow touch, mm, and maximum travel beyond it, mm.
     pub standoff_mm: f64,
     pub search_mm: f64,
-    /// Form of one measurement of a ball beyond which the run holds.
+    /// Maximum form of one measurement of a ball, µm; beyond it the run holds.
     pub form_limit_um: f64,
-    /// Difference from the stated diameter, the probe's pre-travel with it, beyond which the run holds.
+    /// Maximum difference from the stated diameter, including the probe's pre-travel, µm; beyond it the run
+    /// holds.
     pub diameter_limit_um: f64,
-    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
 }
 
@@ -63,13 +65,13 @@ impl Default for Settings {
     }
 }
 
-/// Beyond it polynomials of time follow the scatter.
+/// Maximum order of the drift polynomial; higher orders would follow the scatter.
 const MAX_DRIFT_ORDER: usize = 5;
-/// More would take days.
+/// Maximum number of stops per revolution; more would take days.
 const MAX_POSITIONS: usize = 720;
 
 impl Settings {
-    /// What would fail on the way, refused before the first move.
+    /// Refuses settings that would make the run fail, before the first motion.
     pub fn check(&self) -> Result<(), Refused> {
         Refused::unless(
             self.positions <= MAX_POSITIONS,

@@ -17,7 +17,7 @@ use estimation::null_names::name_null_space;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
-/// Lost combinations that are named at most.
+/// Maximum number of undetermined combinations that are named.
 const MAX_NAMED_LOST: usize = 4;
 
 pub struct Solved<'a> {
@@ -26,17 +26,17 @@ pub struct Solved<'a> {
     pub design: Design,
     pub measured: Measured,
     pub sources: Vec<UncertaintySource>,
-    /// Of each coordinate of each sighting, mm.
+    /// Standard uncertainty of each coordinate of each sighting, mm.
     pub sigma: Vec<f64>,
     pub a: Mat<f64>,
     pub solution: LinearSolution,
-    /// Whether the sizes of the sources are declared, or the residuals judge them.
+    /// Whether the sizes of the sources are declared; otherwise the residuals scale them.
     pub is_declared: bool,
 }
 
 impl<'a> Solved<'a> {
     /// # Errors
-    /// Readings that do not belong to the plan or do not separate the unknowns.
+    /// The readings do not belong to the plan or do not separate the unknowns.
     pub fn new(
         plan: &'a Plan,
         settings: &'a Settings,
@@ -61,7 +61,7 @@ impl<'a> Solved<'a> {
         Ok(Self { settings, plate, design, measured, sources, sigma, a, solution, is_declared })
     }
 
-    /// Each ball at each stop.
+    /// Each ball at each stop as a measurement for the outlier check.
     pub fn measurements(&self) -> Vec<Measurement> {
         let residuals: Vec<Vector3<f64>> = self.residuals().collect();
         measurements(&self.measured.observed, |i| {
@@ -70,7 +70,7 @@ impl<'a> Solved<'a> {
         })
     }
 
-    /// Measured less fitted deviation of each sighting, in axis positions, mm.
+    /// Measured minus fitted deviation of each sighting, in axis positions, mm.
     pub fn residuals(&self) -> impl Iterator<Item = Vector3<f64>> {
         self.solution.residuals.chunks(3).map(Vector3::from_column_slice)
     }

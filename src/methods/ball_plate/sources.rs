@@ -9,17 +9,19 @@ use crate::identification::{UncertaintySource, block_covariances};
 use machine::Axis;
 use machine::record::plan::Plan;
 
-/// No coordinate has more weight than one of this standard uncertainty, mm.
+/// Minimum standard uncertainty of a coordinate in the weights, mm.
 const MIN_U_MM: f64 = 1e-6;
-/// Assumed time constant of a machine that settles, s: what the declared drift rate changes by within a run.
+/// Assumed time constant of a machine that approaches thermal equilibrium, s: it sets how much the declared
+/// drift rate changes within a run.
 const SETTLING_S: f64 = 7200.0;
 
-/// Errors of X, Y and Z that stay as they are belong to the measuring positions, and no source.
+/// Sources of a run. Constant errors of X, Y and Z are part of the measuring positions and therefore no
+/// source.
 pub fn sources(plan: &Plan, measured: &Measured) -> Vec<UncertaintySource> {
     let centres = &measured.observed.centres;
     let mut list = touch_sources(plan, &measured.observed);
     let first_s = centres.first().map_or(0.0, |centre| centre.t_s);
-    // The fitted polynomial takes a constant rate whole; this is how a rate may change.
+    // The fitted polynomial absorbs a constant rate; this is the assumed change of the rate.
     let settled = |t_s: f64| SETTLING_S * (1.0 - (-(t_s - first_s) / SETTLING_S).exp());
     let rate = drift_mm_per_s(plan);
     let column = |axis: Axis| {

@@ -1,4 +1,4 @@
-//! What a reader of the estimate must know beside its numbers.
+//! Warnings of the estimate.
 
 use nalgebra::Vector3;
 
@@ -9,7 +9,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     causes: "a loose ball, drift, error motions above the highest harmonic, or that do not repeat",
     declared_by: "repeatability_um or error_motion_um",
 };
-/// Standard deviations from which a ball that stands elsewhere in one revolution is named.
+/// Minimum displacement of a ball in one revolution for it to be named, in standard deviations.
 const LOOSE: f64 = 5.0;
 
 pub fn warnings(solved: &Solved<'_>, identified: &Identification) -> Vec<String> {
@@ -21,8 +21,8 @@ pub fn warnings(solved: &Solved<'_>, identified: &Identification) -> Vec<String>
     lines
 }
 
-/// Stability watch: the largest mean residual of a ball in one revolution. Only that ball is named: its
-/// displacement leaves smaller residuals at all others.
+/// Stability watch: the largest mean residual of a ball in one revolution. Only that ball is named, because
+/// its displacement leaves smaller residuals at all others.
 fn loose_ball(solved: &Solved<'_>) -> Option<String> {
     let turns = solved.design.stops.len().div_ceil(solved.settings.positions);
     let all = solved.plate.balls.balls.iter().enumerate();
@@ -46,7 +46,8 @@ fn loose_ball(solved: &Solved<'_>) -> Option<String> {
     })
 }
 
-/// Table frame, mm, and the standard uncertainty of a coordinate of it.
+/// Mean residual of a ball in one revolution, table frame, mm, and the standard uncertainty of one of its
+/// coordinates.
 fn mean_residual(
     solved: &Solved<'_>,
     ball: usize,

@@ -1,5 +1,5 @@
-//! All measurements as one least-squares problem: machine and stylus are common to all rows, the balls
-//! are its blocks. Balls with a certified length between them share a block.
+//! All measurements as one least-squares problem. Machine and stylus are common to all rows; the balls are
+//! its blocks. Balls with a certified length between them share a block.
 
 mod measurement;
 
@@ -14,13 +14,14 @@ use machine::frame::unit_vector;
 
 pub use measurement::Measurement;
 
-/// Where and how well a ball was measured.
+/// One measurement of a ball: position and weight.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
     /// Index of the rotary position.
     pub place: usize,
     pub ball: usize,
-    /// W with W·Σ·Wᵀ = I, Σ the covariance of the measured centre, machine frame, mm².
+    /// Whitening matrix W with W·Σ·Wᵀ = I, where Σ is the covariance of the measured centre, machine frame,
+    /// mm².
     pub whitening: Matrix3<f64>,
 }
 
@@ -32,7 +33,7 @@ pub struct Bar {
     pub u_mm: f64,
 }
 
-/// What was measured, mm: the balls' centres as axis positions, and what the certificates say.
+/// Observed values, mm: the ball centres as axis positions, and the certified lengths.
 #[derive(Debug, Clone)]
 pub struct Measured {
     pub xyz: Vec<Vector3<f64>>,
@@ -47,15 +48,15 @@ pub struct Problem {
     seen: Vec<Seen>,
     bars: Vec<Bar>,
     groups: Vec<Group>,
-    /// Of each ball: where it stands among the unknowns.
+    /// Index of the first coordinate of each ball among the unknowns.
     ball_at: Vec<usize>,
-    /// Of each measurement: from the table frame to weighted residuals.
+    /// Matrix of each measurement from the table frame to weighted residuals.
     weights: Vec<Matrix3<f64>>,
-    /// Of each measurement, then of each length: its first row.
+    /// Index of the first row of each measurement, then of each length.
     row_at: Vec<usize>,
 }
 
-/// Balls that share a block, with what was measured of them.
+/// Balls that share a block, with their measurements and lengths.
 #[derive(Debug, Clone, Default)]
 struct Group {
     balls: Vec<usize>,
@@ -64,7 +65,8 @@ struct Group {
 }
 
 impl Problem {
-    /// Every one of the `balls` must be seen. `stylus` is as stated: where it is not free it stays.
+    /// Each of the `balls` must have a measurement. `stylus` is the stated one; coordinates that are not free
+    /// keep their value.
     pub fn new(
         model: Model,
         places: Vec<Position>,
@@ -118,12 +120,12 @@ impl Problem {
         3 * self.seen.len() + self.bars.len()
     }
 
-    /// Where the ball's coordinates begin among the unknowns: machine, tool, balls.
+    /// Index of the ball's first coordinate among the unknowns: machine, tool, balls.
     pub fn ball_at(&self, ball: usize) -> usize {
         self.ball_at[ball]
     }
 
-    /// The first of the three rows of a measurement.
+    /// Index of the first of the three rows of a measurement.
     pub fn row_of(&self, seen: usize) -> usize {
         self.row_at[seen]
     }
@@ -132,7 +134,7 @@ impl Problem {
         self.row_at[self.seen.len() + bar]
     }
 
-    /// From the table frame to the weighted residuals of a measurement.
+    /// Matrix from the table frame to the weighted residuals of a measurement.
     pub fn weight(&self, seen: usize) -> Matrix3<f64> {
         self.weights[seen]
     }
@@ -141,7 +143,7 @@ impl Problem {
         self.model.parameters().len() + self.model.stylus().len()
     }
 
-    /// Errors and stylus of the unknowns `x`.
+    /// Errors and stylus from the unknowns `x`.
     fn machine<'x>(&self, x: &'x [f64]) -> (&'x [f64], Vector3<f64>) {
         let (errors, rest) = x.split_at(self.model.parameters().len());
         let mut stylus = self.stylus;
@@ -151,7 +153,8 @@ impl Problem {
         (errors, stylus)
     }
 
-    /// Errors zero, the stylus as stated, the balls where the nominal machine sees them on average.
+    /// Start values: zero errors, the stated stylus, and the balls at their mean positions from the nominal
+    /// machine.
     pub fn start(&self, measured: &Measured) -> Vec<f64> {
         let mut x = vec![0.0; self.unknowns()];
         let first = self.model.parameters().len();
@@ -168,15 +171,15 @@ impl Problem {
         x
     }
 
-    /// The unknowns at which the weighted squares are least.
+    /// The unknowns that minimise the weighted sum of squares.
     ///
     /// # Errors
-    /// Measurements that do not separate the unknowns; no convergence.
+    /// The measurements do not separate the unknowns; the iteration does not converge.
     pub fn solve(&self, measured: &Measured, start: Vec<f64>) -> Result<Minimum, NonlinearError> {
         minimise(start, |x| self.rows(x, measured), |x| self.residuals(x, measured))
     }
 
-    /// Of each measurement: where the machine with these errors sees the ball, table frame.
+    /// Position of the ball in each measurement from the machine with these errors, table frame, mm.
     pub fn tips(&self, x: &[f64], measured: &Measured) -> Vec<Vector3<f64>> {
         let (errors, tool) = self.machine(x);
         let at: Vec<_> =
@@ -184,8 +187,8 @@ impl Problem {
         self.seen.iter().zip(&measured.xyz).map(|(seen, xyz)| at[seen.place].at(*xyz)).collect()
     }
 
-    /// Of each rotary position: the way of the stylus against the part that a way of X, Y, Z makes with
-    /// these errors, in the directions of the nominal axes.
+    /// For each rotary position, the matrix from a motion of X, Y, Z to the motion of the stylus relative to
+    /// the workpiece with these errors, in the directions of the nominal axes.
     pub fn ways(&self, x: &[f64]) -> Vec<Matrix3<f64>> {
         let (errors, tool) = self.machine(x);
         let zero = vec![0.0; errors.len()];
@@ -196,7 +199,7 @@ impl Problem {
         ways.collect()
     }
 
-    /// Weighted, measured less model, in the order of the rows.
+    /// Weighted residuals, measured minus model, in the order of the rows.
     pub fn residuals(&self, x: &[f64], measured: &Measured) -> Vec<f64> {
         let mut residuals = vec![0.0; self.rows_count()];
         for (i, tip) in self.tips(x, measured).into_iter().enumerate() {
@@ -236,7 +239,8 @@ impl Problem {
         self.groups.iter().map(group_rows).collect()
     }
 
-    /// The three rows of the measurement `i`, from `row` on; the block's unknowns begin at `first`.
+    /// Fills the three rows of the measurement `i`, starting at `row`; the unknowns of the block start at
+    /// `first`.
     #[allow(clippy::too_many_arguments)]
     fn ball_rows(
         &self,
@@ -284,8 +288,8 @@ impl Problem {
         }
     }
 
-    /// What an exact machine of these unknowns would measure. Only there do the rows show what cannot
-    /// be told apart: where something is left over, shrinking everything would lessen it.
+    /// Measurements of an exact machine with these unknowns. Only rows linearised there show the true null
+    /// space: with nonzero residuals a uniform shrinking would reduce them and appear determined.
     pub fn ideal(&self, x: &[f64]) -> Measured {
         let (errors, tool) = self.machine(x);
         let at: Vec<Affine> =
@@ -300,7 +304,7 @@ impl Problem {
     }
 }
 
-/// Balls joined by lengths, each set in the order of its first ball.
+/// Groups of balls joined by lengths, in the order of the first ball of each group.
 fn groups(seen: &[Seen], bars: &[Bar], balls: usize) -> Vec<Group> {
     let mut of: Vec<usize> = (0..balls).collect();
     for bar in bars {

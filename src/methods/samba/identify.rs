@@ -1,4 +1,4 @@
-//! Plan + readings → estimate.
+//! Identification: from plan and readings to the estimate.
 
 use super::fit::{Measurement, Problem};
 use super::outputs;
@@ -15,17 +15,17 @@ use machine::record::reading::Reading;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7361_6d62;
-/// Operations of the adaptive Monte Carlo propagation at most, so that it stays a matter of seconds;
-/// but for the trials of the first look at whether it is stable.
+/// Maximum number of operations of the adaptive Monte Carlo propagation, so that it takes seconds.
+/// `LEAST_TRIALS` is always allowed, for the first check of stability.
 const MOST_WORK: usize = 8_000_000_000;
 const LEAST_TRIALS: usize = 40_000;
-/// Significant digits of u in which the trials shall be stable: JCGM 101, 7.9.2 has one or two. Two of
-/// so many unknowns at once would want about a million trials.
+/// Significant digits of u to which the trials must be stable. JCGM 101, 7.9.2 uses one or two; two digits of
+/// so many unknowns at once would need about a million trials.
 const STABLE_DIGITS: u32 = 1;
 
-/// The whole identification of one plan's readings. In the trials a centre follows its touches linearly:
-/// a sphere fit is so nearly linear that touches drawn and fitted one by one, even with ten times the
-/// scatter of a probe, give the same u to two digits
+/// The whole identification of a plan's readings. In the trials a centre is a linear function of its touches.
+/// A sphere fit is so nearly linear that touches drawn and fitted one by one give the same u to two digits,
+/// even with ten times the scatter of a probe
 /// (`regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do`).
 pub fn identify(
     plan: &Plan,

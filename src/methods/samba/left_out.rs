@@ -1,4 +1,4 @@
-//! Errors that a machine of this kind has by its standards, and that this measurement does not give.
+//! Errors that standards define for a machine of this kind, but that this measurement does not give.
 
 use super::model::Model;
 use super::parameters::implied;
@@ -7,10 +7,10 @@ use crate::ball_measurement::tilts_spindle;
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, Shape};
 
-/// One of them.
+/// An error that is not identified.
 pub struct LeftOut {
     pub error: ErrorParameter,
-    /// What it cannot be told from; `None`: it could be told, and was not asked for.
+    /// What it is inseparable from. `None`: it is separable, but was not selected.
     beside: Option<Beside>,
     why: &'static str,
 }
@@ -18,7 +18,8 @@ pub struct LeftOut {
 const NOT_TURNED: &str = "the spindle was not turned";
 const UPRIGHT: &str = "balls are touched from above only, so the axis stays at 0";
 
-/// All that the axes would show if each of them turned, and the gains, less what is identified.
+/// Errors that would be separable if each rotary axis turned, and the gains, without those that are
+/// identified.
 pub fn left_out(model: &Model) -> Vec<LeftOut> {
     let (way, taken) = (model.way(), model.parameters());
     let chain = way.chain;
@@ -48,7 +49,8 @@ impl LeftOut {
     }
 }
 
-/// e.g. `EX0S: inseparable from tool_x (the spindle was not turned), so tool_x is given as tool_x + EX0S`.
+/// One line per error, e.g. `EX0S: inseparable from tool_x (the spindle was not turned), so tool_x is given
+/// as tool_x + EX0S`.
 pub fn in_words(all: &[LeftOut]) -> Vec<String> {
     let line = |left: &LeftOut| {
         let LeftOut { error, beside, why } = left;

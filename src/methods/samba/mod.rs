@@ -1,5 +1,5 @@
-//! SAMBA: the geometry of a five-axis machine, the stylus and the artefact at once, from master balls
-//! that nobody has calibrated and one scale bar (paper 4; METHODS section 4).
+//! SAMBA: identification of the geometry of a five-axis machine, the stylus and the artefact at once, from
+//! uncalibrated master balls and one scale bar (paper 4; METHODS section 4).
 
 mod design;
 mod fit;

@@ -1,4 +1,4 @@
-//! The equations: one measurement of a ball, and a certified length.
+//! The equations of one measurement of a ball, and of a certified length.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -8,8 +8,8 @@ use machine::record::artefact::{Length, REFERENCE_C};
 use machine::record::machine::Machine;
 use machine::{Axis, Position, frame::Point};
 
-/// Distance at which the change over a linear axis is taken, mm: a power of two, so that dividing by
-/// it does not round.
+/// Distance over which the change along a linear axis is computed, mm: a power of two, so that the division
+/// does not round.
 const REACH: f64 = 256.0;
 
 /// The machine with its unknown errors.
@@ -22,11 +22,11 @@ pub struct Model {
     stylus: Vec<usize>,
 }
 
-/// Of one measurement: FK(reading; errors, tool) − ball, table frame, and its derivatives. The one
-/// with respect to the ball is −I.
+/// Rows of one measurement: FK(reading; errors, tool) − ball, table frame, and its derivatives. The
+/// derivative by the ball is −I.
 #[derive(Debug, Clone)]
 pub struct Rows {
-    /// mm.
+    /// Misclosure, mm.
     pub misclosure: Vector3<f64>,
     /// ∂/∂parameter, in the order of the parameters: mm per mm, per rad or per mm/mm.
     pub machine: Vec<Vector3<f64>>,
@@ -36,14 +36,15 @@ pub struct Rows {
 
 impl Model {
     /// # Errors
-    /// A machine whose kinematics cannot be built; an error of an axis that it does not have.
+    /// The kinematics of the machine cannot be built; an error belongs to an axis that the machine does not
+    /// have.
     pub fn new(machine: &Machine, parameters: &[ErrorParameter]) -> Result<Self, KinematicsError> {
         let chain = Chain::new(machine)?;
         parameters.iter().try_for_each(|parameter| chain.check(*parameter))?;
         Ok(Self::of(chain, parameters.to_vec(), Vec::new(), Vec::new()))
     }
 
-    /// `stands`: turning axes that stay at zero; `lengths`: directions of the certified ones.
+    /// `stands`: rotary axes that stay at zero; `lengths`: directions of the certified lengths.
     pub(super) fn of(
         chain: Chain,
         parameters: Vec<ErrorParameter>,
@@ -54,7 +55,7 @@ impl Model {
         Self { chain, parameters, stands, lengths, stylus }
     }
 
-    /// What may be told apart.
+    /// The measuring conditions that decide which errors are separable.
     pub(super) fn way(&self) -> Way<'_> {
         Way { chain: &self.chain, stands: &self.stands, lengths: &self.lengths }
     }
@@ -67,16 +68,16 @@ impl Model {
         &self.parameters
     }
 
-    /// The coordinates of the stylus that are unknown: all three (0, 1, 2), but for those that only
-    /// shift all balls alike, such as its length where nothing ever turns across it (four axes). These
-    /// are held as stated.
+    /// Indices of the unknown coordinates of the stylus: all three (0, 1, 2), except those that only shift
+    /// all balls alike, such as its length if no axis turns across it (four axes). These keep their stated
+    /// values.
     pub fn stylus(&self) -> &[usize] {
         &self.stylus
     }
 
-    /// The rows of the measurement of `ball` (table frame, mm) at `position` (axis positions at which
-    /// the stylus-ball centre coincides with it). `errors` in the order of the parameters, mm, rad,
-    /// mm/mm; `tool` from the spindle datum, mm.
+    /// The rows of the measurement of `ball` (table frame, mm) at `position` (axis positions at which the
+    /// stylus ball centre coincides with it). `errors` are in the order of the parameters, mm, rad, mm/mm;
+    /// `tool` is the stylus from the spindle datum, mm.
     pub fn rows(
         &self,
         position: &Position,
@@ -92,7 +93,7 @@ impl Model {
         }
     }
 
-    /// R_wᵀ·R_t.
+    /// ∂/∂tool: R_wᵀ·R_t.
     fn tool_columns(&self, position: &Position, terms: &[ErrorTerm]) -> Matrix3<f64> {
         let table = self.chain.machine_from_table(position, terms).rotation;
         let spindle = self.chain.machine_from_spindle(position, terms).rotation;
@@ -104,7 +105,7 @@ impl Model {
         pairs.map(|(parameter, value)| ErrorTerm { parameter: *parameter, value: *value }).collect()
     }
 
-    /// The tip on the table with the rotary axes and the spindle as in `position`.
+    /// The tip on the table as a function of X, Y, Z, with the rotary axes and the spindle as in `position`.
     pub fn tips(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> Affine {
         let (errors, tip) = (self.terms(errors), Point::from_vec(tool));
         let zero = position.only(|axis| !axis.is_linear());
@@ -114,8 +115,7 @@ impl Model {
         }
     }
 
-    /// All that [`Model::rows`] gives, for all X, Y, Z with the rotary axes and the spindle as in
-    /// `position`.
+    /// The results of [`Model::rows`] for all X, Y, Z, with the rotary axes and the spindle as in `position`.
     pub fn indexed(&self, position: &Position, errors: &[f64], tool: Vector3<f64>) -> Indexed {
         let (terms, tip) = (self.terms(errors), Point::from_vec(tool));
         let at = |xyz: Vector3<f64>| {
@@ -135,8 +135,8 @@ impl Model {
     }
 }
 
-/// The model at one indexation. Without angular error motions of linear axes the tip on the table and
-/// with it all its derivatives are affine in X, Y, Z: exact, and many times faster than a pose each.
+/// The model at one indexation. Without angular error motions of linear axes, the tip on the table and all
+/// its derivatives are affine in X, Y, Z. This is exact, and many times faster than computing each pose.
 #[derive(Debug, Clone)]
 pub struct Indexed {
     tip: Affine,
@@ -157,7 +157,7 @@ impl Indexed {
     }
 }
 
-/// A point of the table frame that follows X, Y, Z.
+/// A point of the table frame as an affine function of X, Y, Z.
 #[derive(Debug, Clone, Copy)]
 pub struct Affine {
     origin: Vector3<f64>,
@@ -165,7 +165,7 @@ pub struct Affine {
 }
 
 impl Affine {
-    /// From its values at the origin and at [`REACH`] along X, Y, Z.
+    /// The function from its values at the origin and at [`REACH`] along X, Y, Z.
     fn through(origin: Vector3<f64>, steps: [Vector3<f64>; 3]) -> Self {
         let [x, y, z] = steps.map(|step| (step - origin) / REACH);
         Self { origin, linear: Matrix3::from_columns(&[x, y, z]) }
@@ -176,7 +176,7 @@ impl Affine {
         self.linear
     }
 
-    /// ∂(X, Y, Z)/∂; not a number where X, Y, Z do not span space.
+    /// ∂(X, Y, Z)/∂; NaN if X, Y, Z are linearly dependent.
     pub fn inverse(&self) -> Matrix3<f64> {
         self.linear.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
     }
@@ -186,19 +186,19 @@ impl Affine {
     }
 }
 
-/// The certified length at its temperature during the measurement, mm: 20 °C where none is stated.
+/// The certified length at its temperature during the measurement, mm; at 20 °C if none is stated.
 pub fn length_mm(length: &Length) -> f64 {
     let above = length.temperature_c.map_or(0.0, |celsius| celsius - REFERENCE_C);
     length.mm * (1.0 + length.expansion_um_per_m_k * 1e-6 * above)
 }
 
-/// Its standard uncertainty, mm; never so small that its row outweighs all others' rounding.
+/// Its standard uncertainty, mm, with a lower bound so that its row does not dominate the others numerically.
 pub fn length_u_mm(length: &Length) -> f64 {
     let [certificate, temperature] = length_u_parts_mm(length);
     certificate.hypot(temperature).max(1e-6)
 }
 
-/// The same from the certificate and from the temperature, mm.
+/// Its standard uncertainties from the certificate and from the temperature, mm.
 pub fn length_u_parts_mm(length: &Length) -> [f64; 2] {
     [length.u_mm, (length.mm * length.expansion_um_per_m_k * 1e-6 * length.u_temperature_k).abs()]
 }

@@ -1,4 +1,4 @@
-//! The estimate in the words and units of the contract.
+//! Results of the estimate, in the symbols and units of its contract.
 
 use std::collections::BTreeSet;
 
@@ -13,11 +13,12 @@ use machine::kinematics::{ErrorParameter, Shape};
 use machine::record::estimate::{Arrow, ArrowFigure, Arrows, Estimate, Unit, VectorKind};
 use machine::{Axis, Position};
 
-/// Members of the least certain direction that are named, and how small a part still counts.
+/// Maximum number of named components of the least certain direction (`NAMED`), and minimum size of a
+/// component (`COUNTS`).
 const NAMED: usize = 4;
 const COUNTS: f64 = 0.3;
 
-/// All unknowns.
+/// All unknowns as outputs.
 pub fn outputs(solved: &GeometrySolution<'_>) -> Outputs {
     let errors = solved.problem.model().parameters();
     let unit = |i: usize| errors.get(i).map_or(Unit::Mm, reported_unit);
@@ -90,7 +91,7 @@ fn arrows(solved: &GeometrySolution<'_>, identified: &Identification) -> ArrowFi
     }
 }
 
-/// The direction in the scaled unknowns that the measurements see least.
+/// The direction in the scaled unknowns that the measurements determine least.
 fn weakest(solved: &GeometrySolution<'_>) -> Option<String> {
     let factored = &solved.minimum.factored;
     let (covariance, norms) = (factored.covariance(), factored.column_norms());

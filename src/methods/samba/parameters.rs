@@ -1,4 +1,4 @@
-//! Which machine errors are unknown: the set that a topology implies, or the user's names.
+//! The unknown machine errors: the set that a topology implies, or the errors that the user names.
 
 use super::separable::Way;
 use super::settings::{Settings, Spindle};
@@ -8,9 +8,9 @@ use machine::Axis;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::record::plan::Plan;
 
-/// Turning axes that stay at zero whatever the design: the spindle where it is not oriented, and an axis
-/// that tilts the spindle. Balls are touched from above only; a plan of somebody else's that tilts the
-/// spindle all the same is believed.
+/// Rotary axes that stay at zero in every design: the spindle if it is not oriented, and an axis that tilts
+/// the spindle. Balls are touched from above only; if the plan does turn such an axis, the plan takes
+/// precedence.
 pub fn standing(plan: &Plan, settings: &Settings, chain: &Chain) -> Vec<Axis> {
     let (machine, topology) = (&plan.machine, chain.topology());
     let turned = |axis: Axis| {
@@ -25,10 +25,10 @@ pub fn standing(plan: &Plan, settings: &Settings, chain: &Chain) -> Vec<Axis> {
     topology.axes().filter(|axis| !axis.is_linear()).filter(stands).collect()
 }
 
-/// The user's `names`, or without names what the topology implies.
+/// The errors that the user `names`, or the set that the topology implies if there are no names.
 ///
 /// # Errors
-/// A name that is none, one of an axis that the machine does not have, one that stands twice.
+/// A name is invalid, belongs to an axis that the machine does not have, or occurs twice.
 pub fn chosen(names: &[String], way: Way<'_>) -> Result<Vec<ErrorParameter>, Refused> {
     if names.is_empty() {
         return Ok(implied(way));
@@ -55,16 +55,17 @@ fn refused(why: String) -> Refused {
     }
 }
 
-/// The complete and non-redundant set of location errors and gains beside free balls, a free stylus
-/// and one certified length: what ISO 230-1 and ISO 10791-6 name as location errors of the axes, less what is only
-/// another name for the stylus, the balls or an error already taken.
+/// The complete and non-redundant set of location errors and gains, with free balls, a free stylus and one
+/// certified length: the location errors of the axes by ISO 230-1 and ISO 10791-6, without those that are
+/// equivalent to the stylus, the balls or an error already in the set.
 ///
-/// Found from the equations themselves: candidates are taken in the order of preference and kept where
-/// their columns are no sum of those before, on poses all around, without limits. First the spindle, then
-/// the rotary axes, then the linear ones, each kind from the end of the chain towards the bed, X last:
-/// so X is the primary axis, squareness belongs to the axis that is carried, and the offset between
-/// two rotary axes to the one nearer to the part. Written from the bed outwards, gains last. For
-/// wCBXFZYSt these are the thirteen of paper 4. An axis that stands has no errors of its own to show.
+/// The set is found from the equations. Candidates are tried in the order of preference, and kept if their
+/// columns are not linear combinations of the earlier ones, on poses in all directions, without limits. The
+/// order is: the spindle, the rotary axes, the linear axes, each kind from the end of the chain towards the
+/// bed, with X last. X is therefore the primary axis, squareness belongs to the carried axis, and the offset
+/// between two rotary axes to the one nearer to the workpiece. The set is listed from the bed outwards, gains
+/// last. For wCBXFZYSt it is the thirteen errors of paper 4. An axis that does not move has no identifiable
+/// errors.
 pub fn implied(way: Way<'_>) -> Vec<ErrorParameter> {
     let topology = way.chain.topology();
     let mut candidates = candidates(way.chain);
@@ -75,7 +76,7 @@ pub fn implied(way: Way<'_>) -> Vec<ErrorParameter> {
     kept
 }
 
-/// In the order of preference.
+/// All candidates in the order of preference.
 fn candidates(chain: &Chain) -> Vec<ErrorParameter> {
     let (workpiece, tool) = (chain.topology().workpiece(), chain.topology().tool());
     let from_bed = |axis| [workpiece, tool].iter().find_map(|b| b.iter().position(|a| *a == axis));
@@ -124,9 +125,10 @@ mod tests {
         check("wCBXFZYSt", &thirteen);
     }
 
-    /// Eight location errors on five axes (ISO 10791-6), two more where the spindle turns. On four
-    /// axes three squarenesses and two tilts, the place of C being that of the stylus; and no gain
-    /// of Z, along which nothing ever turns: one length does not tell it from balls further apart.
+    /// Eight location errors for five axes (ISO 10791-6), and two more if the spindle turns. For four axes
+    /// three squarenesses and two tilts: the position of C is equivalent to that of the stylus. The gain of Z
+    /// is not included, because no axis turns Z: one length does not separate it from a larger distance of
+    /// the balls.
     #[test]
     fn regress_other_machines() {
         let gains = ["EXX1", "EYY1", "EZZ1"];
@@ -143,14 +145,16 @@ mod tests {
         let four = [&squareness[..], &["EA0C", "EB0C", "EXX1", "EYY1"]].concat();
         check("wCFXYZt", &four);
         check("wCFXYZSt", &[&four[..], &["EX0S", "EY0S"]].concat());
-        // Turning shows two gains against each other, the length along X the third, or all together.
+        // The rotation gives the difference of two gains. The length along X gives the third gain, or all
+        // gains together.
         let b = ["EA0B", "EC0B", "EXX1", "EZZ1"];
         check("wBFXYZt", &[&squareness[..], &b].concat());
         let a = ["EB0A", "EC0A", "EXX1", "EYY1"];
         check("wAFXYZt", &[&squareness[..], &a].concat());
     }
 
-    /// Which gains four axes show is a matter of the lengths, but not of a length's slight slant.
+    /// The gains that four axes show depend on the directions of the lengths, but not on a slight slant of a
+    /// length.
     #[test]
     fn regress_gains_follow_the_certified_lengths() {
         let x = nalgebra::Vector3::new(304.8, 0.0, -0.42).normalize();
@@ -175,7 +179,7 @@ mod tests {
         }
     }
 
-    /// A head that tilts stands upright: the set is that of the machine without it.
+    /// A tilting head stays upright: the set is that of the machine without it.
     #[test]
     fn regress_a_head_that_stands_has_no_errors_of_its_own() {
         for (topology, without) in [("wAFXYZBt", "wAFXYZt"), ("wCFXYZBt", "wCFXYZt")] {

@@ -1,5 +1,5 @@
-//! What measurements all around could tell apart, whatever the design: columns of the equations on
-//! poses without symmetry and without limits.
+//! Errors that measurements in all directions can separate, independent of the design: columns of the
+//! equations on poses without symmetry and without limits.
 
 use std::f64::consts::TAU;
 
@@ -11,7 +11,8 @@ use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::record::artefact::Balls;
 use machine::{Axis, Position, frame::Point};
 
-/// Poses and places of balls at which the errors are told apart. No symmetry, all around.
+/// Number of poses, and positions of balls, mm, for the separability check. They have no symmetry and cover
+/// all directions.
 const POSES: usize = 60;
 const BALLS: [[f64; 3]; 5] = [
     [-152.0, 11.0, 41.0],
@@ -20,30 +21,32 @@ const BALLS: [[f64; 3]; 5] = [
     [-158.0, 137.0, 95.0],
     [31.0, -166.0, 76.0],
 ];
-/// Their roots give angles that repeat in no axis.
+/// Their square roots give angles that repeat in no axis.
 const PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
-/// A stylus on the spindle's axis, mm: only there a tilted spindle is one that stands beside.
+/// Stylus on the axis of the spindle, mm. Only there is a tilt of the spindle equivalent to an offset.
 const TOOL: Vector3<f64> = Vector3::new(0.0, 0.0, -150.0);
-/// A column that keeps less than this part of its length beside the others is one of their sums.
+/// Minimum share of its length that an independent column keeps after projection out of the others; below it
+/// the column is a linear combination of them.
 const INDEPENDENT: f64 = 1e-6;
-/// A member of a sum that is named makes up this part of it, mm over mm.
+/// Minimum coefficient of a named member of a linear combination, mm/mm.
 const COUNTS: f64 = 1e-2;
-/// A share that stands this near to one is one; the rest is the slant of a bar.
+/// Tolerance within which a coefficient counts as one; the difference comes from the slant of a bar.
 const WHOLE: f64 = 0.05;
 
-/// Balls with a certified length between them stand this far from their middle, mm.
+/// Distance of two balls with a certified length from their midpoint, mm.
 const HALF_LENGTH: f64 = 150.0;
-/// Weight of a certified length against a measured coordinate: it hardly gives way.
+/// Weight of a certified length relative to a measured coordinate, large enough to keep the length nearly
+/// fixed.
 const STIFF: f64 = 30.0;
-/// A gain must keep this part of its length: the slant of a length, as small as it may be, would show
-/// any gain otherwise, at no use. About 0.65·cos² of the angle between length and axis; 12° of slant.
+/// Minimum share of its length that the column of a gain keeps; otherwise even a slight slant of a length
+/// would show a gain, without use. About 0.65·cos² of the angle between length and axis; 12° of slant.
 const GAIN_SHOWS: f64 = 0.03;
-/// Lengths whose directions have a larger cosine between them are parallel.
+/// Cosine above which the directions of two lengths are parallel.
 const PARALLEL: f64 = 0.9999;
 
-/// A machine and how it is measured: which of its turning axes, S among them, stay at zero; and the
-/// directions on the table in which lengths are certified. Without any, one along X is assumed, and
-/// the measurements will show that it is missing.
+/// Measuring conditions of a machine: its rotary axes, including S, that stay at zero; and the directions on
+/// the table of the certified lengths. Without lengths one along X is assumed; the measurements will show
+/// that it is missing.
 #[derive(Debug, Clone, Copy)]
 pub struct Way<'a> {
     pub chain: &'a Chain,
@@ -51,24 +54,25 @@ pub struct Way<'a> {
     pub lengths: &'a [Vector3<f64>],
 }
 
-/// One for each unknown; the last rows are the certified lengths, without which the scale of everything
-/// would be open.
+/// Columns of the unknowns. The last rows are the certified lengths, without which the scale would be
+/// undetermined.
 struct Columns {
     stylus: Vec<Vec<f64>>,
     balls: Vec<Vec<f64>>,
     machine: Vec<Vec<f64>>,
 }
 
-/// What an error cannot be told from.
+/// What an error is inseparable from.
 #[derive(Debug, Default)]
 pub struct Beside {
-    /// Errors, coordinates of the stylus (`tool_x`), the balls. None: it changes nothing.
+    /// Names of errors, coordinates of the stylus (`tool_x`), or the balls. Empty: the error has no effect on
+    /// the measurements.
     pub names: Vec<String>,
-    /// e.g. `tool_x is given as tool_x + EX0S`.
+    /// Sums that are reported, e.g. `tool_x is given as tool_x + EX0S`.
     pub sums: Vec<String>,
 }
 
-/// The directions of the certified lengths, by where the balls are stated.
+/// The directions of the certified lengths, from the stated positions of the balls.
 pub fn directions(balls: &Balls) -> Vec<Vector3<f64>> {
     let at = |id: &str| {
         let ball = balls.balls.iter().find(|ball| ball.id == id);
@@ -93,14 +97,14 @@ enum Kind {
 }
 
 impl Way<'_> {
-    /// The coordinates of the stylus that are no mere shift of all balls.
+    /// The coordinates of the stylus that do more than shift all balls alike.
     pub fn free_stylus(&self) -> Vec<usize> {
         let Columns { stylus, balls, .. } = self.columns(&[]);
         independent_columns(&balls, &stylus, |_| INDEPENDENT)
     }
 
-    /// Of the `candidates`, taken in their order, those that are no sum of stylus, balls and what was
-    /// kept before.
+    /// Those `candidates`, in their order, that are not linear combinations of stylus, balls and the
+    /// candidates already kept.
     pub fn kept(&self, candidates: &[ErrorParameter]) -> Vec<ErrorParameter> {
         let Columns { stylus, balls, machine } = self.columns(candidates);
         let known = [stylus, balls].concat();
@@ -108,7 +112,7 @@ impl Way<'_> {
         kept.into_iter().map(|i| candidates[i]).collect()
     }
 
-    /// What `error` cannot be told from beside the errors that are `taken`; `None` if it can.
+    /// What `error` is inseparable from, given the errors `taken`; `None` if it is separable.
     pub fn inseparable(&self, error: ErrorParameter, taken: &[ErrorParameter]) -> Option<Beside> {
         let all = [taken, &[error]].concat();
         let Columns { stylus, balls, mut machine } = self.columns(&all);
@@ -168,7 +172,7 @@ impl Way<'_> {
         Columns { stylus, balls, machine }
     }
 
-    /// Balls, those with certified lengths first and in pairs; the lengths' directions.
+    /// Positions of the balls, in pairs for the certified lengths first; and the directions of the lengths.
     fn places(&self) -> (Vec<Vector3<f64>>, &[Vector3<f64>]) {
         const ALONG_X: &[Vector3<f64>] = &[Vector3::new(1.0, 0.0, 0.0)];
         let lengths = if self.lengths.is_empty() { ALONG_X } else { self.lengths };
@@ -202,7 +206,7 @@ fn kind(error: ErrorParameter) -> Kind {
     }
 }
 
-/// The part of its length that a column must keep to be one of its own.
+/// Minimum share of its length that an independent column keeps.
 fn least(error: &ErrorParameter) -> f64 {
     if error.shape() == Shape::Gain { GAIN_SHOWS } else { INDEPENDENT }
 }

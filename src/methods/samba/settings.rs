@@ -5,24 +5,24 @@ use serde::{Deserialize, Serialize};
 use crate::Refused;
 use crate::ball_measurement::{Find, NamedPositions, RotaryPositions, TouchSettings};
 
-/// How the indexations are chosen.
+/// Choice of the indexations.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Design {
     /// Greedy choice among the candidates, within the budget.
     #[default]
     Optimal,
-    /// The paper's: 32 triples, 109 balls (paper 4, section 3).
+    /// The design of paper 4, section 3: 32 triples, 109 balls.
     Paper,
 }
 
-/// What the greedy choice makes small.
+/// Quantity that the greedy choice minimises.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Criterion {
     /// The volume of the confidence ellipsoid of the machine's parameters.
     #[default]
     D,
-    /// The mean variance of the machine's parameters, each against its requirement.
+    /// The mean variance of the machine's parameters, each relative to its requirement.
     A,
 }
 
@@ -30,7 +30,7 @@ pub enum Criterion {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Spindle {
-    /// Oriented by the control where the machine file declares an axis S, otherwise fixed.
+    /// Oriented by the control if the machine file declares an axis S, otherwise fixed.
     #[default]
     Auto,
     Orient,
@@ -40,39 +40,40 @@ pub enum Spindle {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Machine errors to identify, by ISO names (`EX0C`, `EXX1`, `EXC_sin2`). Empty: the set that
-    /// ISO 10791-6 implies for the topology, less what an upright spindle cannot show.
+    /// Machine errors to identify, by ISO names (`EX0C`, `EXX1`, `EXC_sin2`). Empty: the set that ISO 10791-6
+    /// implies for the topology, without those that an upright spindle cannot show.
     pub parameters: Vec<String>,
     pub design: Design,
     pub criterion: Criterion,
-    /// Ball measurements at most, over all indexations.
+    /// Maximum number of ball measurements over all indexations.
     pub balls: usize,
-    /// Indexations at most.
+    /// Maximum number of indexations.
     pub indexations: usize,
-    /// Machine time at most; 0: no limit.
+    /// Maximum machine time, min; 0: no limit.
     pub minutes: f64,
     pub find: Find,
     pub spindle: Spindle,
-    /// Candidate positions of rotary axes that tilt the part or the head (A, B), as commanded. The
-    /// defaults are cut to the axes' limits; a position that you name must lie within them. An axis that
-    /// tilts the head stays at 0: balls are touched from above only.
+    /// Candidate positions of rotary axes that tilt the workpiece or the head (A, B), as commanded. The
+    /// defaults are restricted to the limits of the axes; a position that the user states must lie within
+    /// them. An axis that tilts the head stays at 0: balls are touched from above only.
     pub tilt_deg: Vec<f64>,
     /// Candidate positions of a rotary axis parallel to the spindle (C).
     pub turn_deg: Vec<f64>,
     pub spindle_deg: Vec<f64>,
-    /// Touches of one measurement: 5, or more for a form check.
+    /// Number of touches of one measurement: 5, or more for a form check.
     pub touches: usize,
-    /// Measure one ball again at the start, the middle and the end, to see drift.
+    /// Whether one ball is measured again at the start, the middle and the end, to detect drift.
     pub references: bool,
-    /// Clear distance before the expected contact of a slow touch, and how far beyond it may go.
+    /// Clearance before the expected contact of a slow touch, mm, and maximum travel beyond it, mm.
     pub standoff_mm: f64,
     pub search_mm: f64,
-    /// Form of one measurement of a ball (largest less smallest residual of its sphere) beyond which the
-    /// run holds.
+    /// Maximum form of one measurement of a ball (largest minus smallest residual of its sphere), µm; beyond
+    /// it the run holds.
     pub form_limit_um: f64,
-    /// Difference from the stated diameter, the probe's pre-travel with it, beyond which the run holds.
+    /// Maximum difference from the stated diameter, including the probe's pre-travel, µm; beyond it the run
+    /// holds.
     pub diameter_limit_um: f64,
-    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
 }
 
@@ -101,7 +102,7 @@ impl Default for Settings {
     }
 }
 
-/// The dearest design that is still chosen in a second or two.
+/// Maximum number of ball measurements; a design of this size is still computed in a second or two.
 const MOST_BALLS: usize = 2_000;
 
 impl Settings {
@@ -118,7 +119,7 @@ impl Settings {
         }
     }
 
-    /// Where the axes may stand; with those of the spindle where it is `oriented`.
+    /// Candidate positions of the axes, including those of the spindle if it is `oriented`.
     pub fn positions(&self, oriented: bool) -> RotaryPositions<'_> {
         let usual = Self::default();
         let named = |key, degrees, default: &[f64]| NamedPositions {
@@ -133,7 +134,7 @@ impl Settings {
         }
     }
 
-    /// What would fail on the way, refused before the first move.
+    /// Refuses settings that would make the run fail, before the first motion.
     pub fn check(&self) -> Result<(), Refused> {
         self.touch().check()?;
         Refused::unless(

@@ -21,18 +21,18 @@ use machine::record::artefact::{Balls, Length};
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
-/// No measurement has more weight than one of this standard uncertainty, mm.
+/// Minimum standard uncertainty of a measurement in the weights, mm.
 const MIN_U_MM: f64 = 1e-6;
 
 pub struct GeometrySolution<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
     pub observed: Observed,
-    /// Those that were measured.
+    /// The balls that were measured.
     pub balls: Balls,
     pub problem: Problem,
     pub sources: Vec<UncertaintySource>,
-    /// Of all unknowns.
+    /// Names of all unknowns.
     pub names: Vec<String>,
     pub survey: Survey,
     pub measured: Measured,
@@ -40,7 +40,7 @@ pub struct GeometrySolution<'a> {
 }
 
 /// # Errors
-/// Readings that do not belong to the plan or do not separate the unknowns; a machine whose kinematics
+/// The readings do not belong to the plan or do not separate the unknowns; the kinematics of the machine
 /// cannot be built.
 pub fn solve_geometry<'a>(
     plan: &'a Plan,
@@ -59,7 +59,7 @@ pub fn solve_geometry<'a>(
     let names = unknown_names(&problem, &balls);
     let (survey, start) = start(&problem, &of_centres(&observed, &balls.lengths))
         .map_err(|why| failed(why, &names))?;
-    // The spheres of a nominal machine, then those of the machine as found.
+    // First the spheres are fitted on the nominal machine, then on the identified one.
     let ways = problem.ways(&start.x);
     observed.fit_again(&ways).map_err(|why| IdentifyError::Numerical(why.to_string()))?;
     let measured = of_centres(&observed, &balls.lengths);
@@ -79,12 +79,13 @@ pub fn solve_geometry<'a>(
 }
 
 impl GeometrySolution<'_> {
-    /// Rows less unknowns.
+    /// Degrees of freedom: rows minus unknowns.
     pub fn dof(&self) -> usize {
         self.minimum.residuals.len().saturating_sub(self.problem.unknowns())
     }
 
-    /// Where the machine as found sees each ball, less where it is; table frame, mm.
+    /// Residual of each ball measurement: its position from the identified machine, minus that of the ball;
+    /// table frame, mm.
     pub fn misses(&self) -> Vec<Vector3<f64>> {
         let Self { problem, minimum, .. } = self;
         let tips = problem.tips(&minimum.x, &self.measured);
@@ -100,7 +101,7 @@ pub fn of_centres(observed: &Observed, lengths: &[Length]) -> Measured {
     }
 }
 
-/// What the measurements can tell, asked before they are believed, and a first solution.
+/// Checks the rank of the measurements before the solution, and returns the survey and a first solution.
 fn start(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), NonlinearError> {
     let start = problem.start(measured);
     let (ideal, _) = factor(problem.rows(&start, &problem.ideal(&start)));
@@ -111,7 +112,7 @@ fn start(problem: &Problem, measured: &Measured) -> Result<(Survey, Minimum), No
     Ok((survey, problem.solve(measured, start)?))
 }
 
-/// Why there is nothing to identify from.
+/// Error for readings from which nothing can be identified, with the reason.
 fn nothing(left_out: &[String], readings: &[Reading]) -> Refused {
     let reason = match left_out {
         _ if readings.is_empty() => "there are no readings at all".to_owned(),
@@ -125,7 +126,7 @@ fn nothing(left_out: &[String], readings: &[Reading]) -> Refused {
     Refused { why, instead }
 }
 
-/// The machine with the errors that are asked for.
+/// The model of the machine with the selected errors.
 fn model(plan: &Plan, settings: &Settings, balls: &Balls) -> Result<Model, IdentifyError> {
     let refused = |why: String| Refused { why, instead: "correct the machine file".to_owned() };
     let chain = Chain::new(&plan.machine).map_err(|why| refused(why.to_string()))?;
@@ -136,7 +137,7 @@ fn model(plan: &Plan, settings: &Settings, balls: &Balls) -> Result<Model, Ident
     Ok(Model::of(chain, parameters, stands, lengths))
 }
 
-/// The artefact without the balls that were not measured, and their lengths; said in `left_out`.
+/// The artefact without the balls that were not measured and their lengths; they are reported in `left_out`.
 fn seen_balls(stated: &Balls, observed: &mut Observed) -> Balls {
     let seen = |ball: usize| observed.centres.iter().any(|sight| sight.ball == ball);
     let kept: Vec<usize> = (0..stated.balls.len()).filter(|ball| seen(*ball)).collect();
@@ -155,7 +156,8 @@ fn seen_balls(stated: &Balls, observed: &mut Observed) -> Balls {
     balls
 }
 
-/// The weights leave out that a source changes many measurements together.
+/// Sets up the problem. The weights ignore the correlation between measurements that a source changes
+/// together.
 fn problem(
     plan: &Plan,
     model: Model,
@@ -182,7 +184,7 @@ fn failed(why: NonlinearError, names: &[String]) -> IdentifyError {
     IdentifyError::unsolved(why, |survey| describe_lost(survey, names))
 }
 
-/// Of all unknowns in their order: machine errors by their ISO names, stylus, balls.
+/// Names of all unknowns in their order: machine errors by their ISO names, stylus, balls.
 pub fn unknown_names(problem: &Problem, balls: &Balls) -> Vec<String> {
     let mut names: Vec<String> =
         problem.model().parameters().iter().map(ToString::to_string).collect();
@@ -197,7 +199,7 @@ pub fn unknown_names(problem: &Problem, balls: &Balls) -> Vec<String> {
     names
 }
 
-/// Lost directions, the one of the uniform scale by its own name.
+/// Undetermined directions in words; the uniform scale has its own name.
 pub fn describe_lost(survey: &Survey, names: &[String]) -> Vec<String> {
     let lines = name_null_space(survey.null_space.as_ref(), names).into_iter().map(|line| {
         let gains = ["EXX1", "EYY1", "EZZ1"].iter().filter(|name| line.contains(**name)).count();

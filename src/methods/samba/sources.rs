@@ -10,10 +10,10 @@ use machine::kinematics::Chain;
 use machine::record::artefact::Length;
 use machine::record::plan::Plan;
 
-/// Where the error motions of the rotary axes stand: behind those of the linear axes.
+/// Index of the rotary error motions in the list of sources: after those of the linear axes.
 const ROTARY_PLACE: usize = 5;
 
-/// Draws that change nothing are left out.
+/// Sources of the observations. Draws without effect are left out.
 pub fn sources(
     plan: &Plan,
     chain: &Chain,
@@ -37,7 +37,7 @@ fn certificates(centres: usize, lengths: &[Length]) -> [UncertaintySource; 2] {
             values: vec![length_u_parts_mm(length)[part]],
         });
         UncertaintySource {
-            // The error of a certificate scales all together: few residuals contain it.
+            // The error of a certificate scales all observations together, so few residuals contain it.
             in_residuals: InResiduals::Expected,
             is_in_weights: false,
             ..UncertaintySource::new(name, nonzero_runs(runs))

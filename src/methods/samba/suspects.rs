@@ -1,5 +1,5 @@
-//! What does not fit the rest: single measurements, balls that moved between two visits, lengths. It is
-//! flagged and named; nothing is taken out.
+//! Detection of inconsistent data: single measurements, balls that moved between two visits, lengths. They
+//! are flagged and named, not removed.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -13,11 +13,11 @@ use machine::kinematics::Shape;
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM: f64 = 1e-3;
-/// A step of a ball must explain this part of all misfit to be named.
+/// Minimum share of χ² that the step of a ball must explain to be named.
 const TELLING: f64 = 0.3;
-/// A row that is explained by itself to this degree is checked by no other.
+/// Leverage above which no other row checks a row.
 const ALONE: f64 = 1.0 - 1e-4;
-/// Disagreement of a certified length with its balls that no machine has, mm/mm.
+/// Disagreement of a certified length with its balls beyond what a machine can have, mm/mm.
 const DISAGREES: f64 = 1e-4;
 
 impl GeometrySolution<'_> {
@@ -29,7 +29,7 @@ impl GeometrySolution<'_> {
         self.minimum.residuals.iter().map(|r| r * r).sum()
     }
 
-    /// Each ball at each indexation.
+    /// Each ball at each indexation as a measurement for the outlier check.
     pub fn measurements(&self) -> Vec<Measurement> {
         let misses = self.misses();
         ball_measurement::measurements(&self.observed, |sight| {
@@ -38,8 +38,8 @@ impl GeometrySolution<'_> {
         })
     }
 
-    /// The ball, if any, of which a step on the table between two visits explains what the model does
-    /// not: the step that takes most away from χ².
+    /// Sentence about a ball, if any, whose step on the table between two visits explains the misfit: the
+    /// step that reduces χ² most.
     pub fn moved(&self) -> Option<String> {
         let candidates: Vec<(Vec<usize>, usize)> = (0..self.balls.balls.len())
             .flat_map(|ball| {
@@ -62,8 +62,8 @@ impl GeometrySolution<'_> {
         Some(self.in_words(visits, *split, step.norm() * 1e3))
     }
 
-    /// With two measurements or more on either side nothing but a step looks like one. A single one at
-    /// the end is off whether the ball has moved or something else is wrong with it.
+    /// With two or more measurements on both sides only a step of the ball explains the misfit. A single
+    /// measurement at the end may be off because the ball moved, or because the measurement is wrong.
     fn in_words(&self, visits: &[usize], split: usize, um: f64) -> String {
         let sight = |visit: usize| &self.observed.centres[visits[visit]];
         let (ball, before) = (self.id(sight(split).ball), sight(split - 1).label.number());
@@ -83,8 +83,8 @@ impl GeometrySolution<'_> {
         )
     }
 
-    /// What a step of the ball before its visit `split` takes away from χ², and the step (table
-    /// frame, mm): three unknowns more, with all others free to follow.
+    /// Reduction of χ² by a step of the ball before its visit `split`, and the step (table frame, mm): three
+    /// more unknowns, with all others free.
     fn step(&self, visits: &[usize], split: usize) -> (f64, Vector3<f64>) {
         let column = |axis: Axis| {
             let mut column = vec![0.0; self.minimum.residuals.len()];
@@ -102,13 +102,13 @@ impl GeometrySolution<'_> {
         let Some(inverse) = normal.try_inverse().filter(|_| !singular) else {
             return (0.0, Vector3::zeros());
         };
-        // The column is the derivative of the model with respect to the ball: minus the weight.
+        // The column is the derivative of the model by the ball: minus the weight.
         let step = inverse * right;
         (step.dot(&right), step)
     }
 
-    /// Lengths that disagree with their balls by more than 100 µm/m: with the balls as the machine sees
-    /// them without this length; or, where nothing else gives the scale, with the machine's own scales.
+    /// Lengths that disagree with their balls by more than 100 µm/m. The reference is the balls as measured
+    /// without this length; if nothing else gives the scale, it is the scales of the machine.
     pub fn length_disagreements(&self) -> Vec<String> {
         let leverage = self.minimum.factored.leverage();
         let told = self.balls.lengths.iter().enumerate().filter_map(|(i, length)| {
@@ -132,7 +132,7 @@ impl GeometrySolution<'_> {
         told.collect()
     }
 
-    /// The mean gain of the linear axes: what the only length says of the machine's scales.
+    /// The mean gain of the linear axes: the information of the only length about the machine's scales.
     fn scale(&self) -> f64 {
         let named = self.problem.model().parameters().iter().zip(&self.minimum.x);
         let gains: Vec<f64> = named
@@ -142,7 +142,8 @@ impl GeometrySolution<'_> {
         gains.iter().sum::<f64>() / gains.len().max(1) as f64
     }
 
-    /// Balls that too few indexations see: what they say goes into their own coordinates.
+    /// Balls that were measured at too few indexations; their measurements determine only their own
+    /// coordinates.
     pub fn thin(&self) -> Vec<String> {
         let told = self.balls.balls.iter().enumerate().filter_map(|(ball, named)| {
             let sights = self.observed.centres.iter().filter(|sight| sight.ball == ball);

@@ -1,4 +1,4 @@
-//! What a reader of the estimate must know beside its numbers.
+//! Warnings of the estimate.
 
 use super::solution::GeometrySolution;
 use crate::ball_measurement::tilts_table;
@@ -24,15 +24,15 @@ pub fn warnings(solved: &GeometrySolution<'_>, identified: &Identification) -> V
     lines
 }
 
-/// With the errors that sag of the table would change.
+/// Warning of a misfit, with the errors that a sag of the table would change.
 fn misfit(solved: &GeometrySolution<'_>, identified: &Identification) -> Option<String> {
     let warning = identified.misfit_warning(&MISFIT_ADVICE)?;
     let is_above = identified.propagation.misfit.above;
     Some(if is_above { warning + &where_sag_goes(solved) } else { warning })
 }
 
-/// Sag follows the tilt: it looks like turning about the tilting axis, and like offsets of what it
-/// carries.
+/// Sag follows the tilt: its effect resembles a rotation about the tilting axis, and offsets of the axes that
+/// it carries.
 fn where_sag_goes(solved: &GeometrySolution<'_>) -> String {
     let model = solved.problem.model();
     let table = model.chain().topology().workpiece();
@@ -52,8 +52,8 @@ fn where_sag_goes(solved: &GeometrySolution<'_>) -> String {
     format!(". Sag of the table as {tilting} tilts it would stand in {}", names.join(", "))
 }
 
-/// Spheres that are none, and diameters that differ: from the stated ones, less what all have in
-/// common, which is pre-travel.
+/// Warnings of balls with a large form error, and of diameters that differ from the stated ones. The common
+/// difference of all balls is pre-travel and is subtracted.
 fn unsound_balls(solved: &GeometrySolution<'_>) -> Vec<String> {
     let sights = &solved.observed.centres;
     let stylus = solved.plan.probe.ball_radius_mm;
@@ -97,7 +97,7 @@ fn cold(solved: &GeometrySolution<'_>) -> Vec<String> {
     told.collect()
 }
 
-/// JCGM 101, 7.9: the trials were as many as may be, and not enough for their stopping rule.
+/// JCGM 101, 7.9: the maximum number of trials did not satisfy the stopping rule.
 fn unstable(identified: &Identification) -> Option<String> {
     let trials = identified.trials.as_ref().filter(|trials| !trials.stable)?.trials;
     Some(format!(
@@ -106,7 +106,7 @@ fn unstable(identified: &Identification) -> Option<String> {
     ))
 }
 
-/// e.g. `B -30°, C 90°`.
+/// Text of a rotary position, e.g. `B -30°, C 90°`.
 pub fn place_name(position: &Position) -> String {
     let axes = position.iter().filter(|(axis, _)| !axis.is_linear());
     let named: Vec<String> =

@@ -1,4 +1,4 @@
-//! Gate G4 of METHODS section 4, the part of the dome.
+//! Gate G4 of METHODS section 4: the part for the dome.
 
 use nalgebra::Vector3;
 
@@ -14,7 +14,7 @@ use machine::kinematics::Chain;
 use machine::record::plan::Plan;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Largest and mean deviation, µm, and the stylus, mm, of each variant.
+/// Largest and mean deviation, µm, and stylus, mm, of each variant.
 fn results(noise: impl FnMut() -> f64) -> Vec<(&'static str, f64, f64, Vector3<f64>)> {
     let mut plan = plan();
     plan.machine.tool_mm = [0.0, 0.0, -326.717];

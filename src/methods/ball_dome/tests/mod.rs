@@ -12,22 +12,22 @@ use crate::samba::tests::{TOOL, built_in, paper_errors, table};
 use machine::Axis;
 use machine::record::plan::Plan;
 
-/// How much higher the dome stands in `config/ball-dome.toml` than in the paper's table, mm.
+/// Height of the dome in `config/ball-dome.toml` above that in the paper's table, mm.
 const BASE_MM: f64 = 60.0;
 
 fn plan() -> Plan {
     built_in::plan_of(include_str!("../../../../config/ball-dome.toml"), super::NAME)
 }
 
-/// Paper 4, table 3.
+/// Certified positions: paper 4, table 3.
 fn certified() -> Vec<Vector3<f64>> {
     let rows = table(include_str!("../../../../tests/data/paper4-table3.csv"));
     let number = |text: &str| text.parse::<f64>().unwrap();
     rows.map(|row| Vector3::new(number(row[1]), number(row[2]), number(row[3]))).collect()
 }
 
-/// What the machine of the paper's table 2, with the stylus of its item S3, reads at all visits of the built-in
-/// design: axis positions by plain matrix products, changed by `noise` (measurement, axis).
+/// Readings at all visits of the built-in design on the machine of the paper's table 2 with the stylus of its
+/// item S3: axis positions from plain matrix products, changed by `noise` (measurement, axis).
 fn observed(plan: &Plan, mut noise: impl FnMut() -> f64) -> Observed {
     let truth = Truth { errors: paper_errors().into_iter().collect(), tool: TOOL };
     let settings = Settings::default();

@@ -1,5 +1,5 @@
-//! The four steps of paper 5, section 2.3, on its simulation: as good as least squares over all visits on complete visits
-//! of balls at equal angles; with visits missing they are not (METHODS section 5).
+//! The four steps of paper 5, section 2.3, on its simulation. On complete visits of balls at equal angles
+//! they are as good as least squares over all visits; with missing visits they are not (METHODS section 5).
 
 use nalgebra::Vector3;
 
@@ -10,7 +10,7 @@ use crate::ball_plate::equations::{Sighting, solve};
 use crate::ball_plate::four_steps::four_steps;
 use machine::record::estimate::Unit;
 
-/// Largest errors of each motion by the four steps, and by least squares.
+/// Largest errors of each motion with the four steps, and with least squares.
 fn both(seed: u64, missing: f64) -> [[f64; 6]; 2] {
     let setting = setting();
     let basis = Basis::Fourier { order: ORDER, sub_order: 0 };
@@ -41,7 +41,7 @@ fn four_steps_and_least_squares_are_equal_on_complete_visits() {
     assert!((four - global).abs() < 1e-6, "{four} {global}");
 }
 
-/// Gate G5 by the steps alone.
+/// Gate G5 with the four steps alone.
 #[test]
 fn the_four_steps_reach_the_simulation_of_the_paper() {
     let setting = setting();
@@ -63,7 +63,7 @@ fn four_steps_do_not_bear_missing_visits() {
     assert!(global < 0.05 && four > 5.0 * global, "{four} {global}");
 }
 
-/// 0.31 µm against U = 0.3 µm.
+/// A difference of 0.31 µm with U = 0.3 µm.
 #[test]
 fn a_difference_beyond_u_is_a_warning() {
     let warning = |by: f64| {

@@ -1,4 +1,4 @@
-//! The numerical simulation of paper 5, section 3: its inputs, many seeds.
+//! The numerical simulation of paper 5, section 3, with its inputs and many seeds.
 
 use std::f64::consts::TAU;
 
@@ -15,14 +15,14 @@ use estimation::random::stream;
 
 const ARCSECOND: f64 = TAU / (360.0 * 3600.0);
 pub const ORDER: usize = 8;
-/// Sections 3.1 and 4.1 of the paper, mm: radius of the circle, and 0.5·(E_L,MPE − R_0,MPL).
+/// Sections 3.1 and 4.1 of the paper, mm: the radius of the circle, and 0.5·(E_L,MPE − R_0,MPL).
 const RADIUS_MM: f64 = 200.0;
 const SYSTEMATIC_MM: f64 = 0.5 * (1.8 + 200.0 / 500.0 - 0.6) * 1e-3;
-/// Eccentricity and tilt of the plate, its Table 1.
+/// Eccentricity, mm, and tilt, rad, of the plate; Table 1 of the paper.
 const ECCENTRICITY_MM: [f64; 2] = [24e-3, -18e-3];
 const TILT: [f64; 2] = [1.023 * ARCSECOND, 6.460 * ARCSECOND];
 
-/// Sizes of the harmonics 1 to 8 of each motion, mm or rad.
+/// Amplitudes of the harmonics 1 to 8 of each motion, mm or rad.
 const SIZES: [f64; 6] = [0.1e-3, 0.1e-3, 0.1e-3, 0.1 * ARCSECOND, 0.1 * ARCSECOND, 0.1 * ARCSECOND];
 
 pub fn setting() -> Setting {
@@ -30,9 +30,9 @@ pub fn setting() -> Setting {
     Setting { positions: 48, revolutions: 3, radius_mm: RADIUS_MM, steps }
 }
 
-/// What is true in one draw.
+/// True values of one draw.
 pub struct Truth {
-    /// Cosine and sine of each order of each motion; the co-rotating first order is left out.
+    /// Cosine and sine part of each order of each motion, without the co-rotating first order.
     harmonics: [Vec<[f64; 2]>; 6],
     places: Vec<Vector3<f64>>,
     balls: Vec<Vector3<f64>>,
@@ -46,7 +46,7 @@ impl Truth {
             (0..ORDER).map(|_| [0, 0].map(|_| size * normal.sample(&mut random))).collect()
         });
         for [x, y] in [[0, 1], [3, 4]] {
-            // The rest of the first order turns against the table.
+            // The remaining first order rotates against the table.
             let [c, s] = harmonics[x][0];
             harmonics[y][0] = [s, -c];
         }
@@ -54,7 +54,7 @@ impl Truth {
         let mut vector =
             |size: f64| Vector3::from_fn(|_, _| size * range.sample(&mut random) / SYSTEMATIC_MM);
         let places = (0..setting.positions).map(|_| vector(SYSTEMATIC_MM)).collect();
-        // Up to 100 um: section 2.2.
+        // Up to 100 µm, as in section 2.2.
         let balls = setting.steps.iter().map(|_| vector(0.1)).collect();
         Self { harmonics, places, balls }
     }
@@ -69,7 +69,7 @@ impl Truth {
             .sum()
     }
 
-    /// Paper 5, Eq. (1): where a ball is measured, less where the nominal plate has it.
+    /// Paper 5, Eq. (1): measured position of a ball minus its position on the nominal plate.
     fn deviation(
         &self,
         setting: &Setting,
@@ -89,7 +89,7 @@ impl Truth {
     }
 }
 
-/// 3σ = 0.3 µm, and ± 0.15 µm evenly.
+/// Normal scatter of 3σ = 0.3 µm and uniform scatter of ±0.15 µm.
 pub fn scatter(seed: u64) -> impl FnMut() -> Vector3<f64> {
     let mut random = stream(seed, &[2]);
     let normal = Normal::new(0.0, 0.1e-3).unwrap();
@@ -130,13 +130,13 @@ pub fn median_and_p95(mut values: Vec<f64>) -> [f64; 2] {
     [0.5, 0.95].map(|share| values[(share * (values.len() - 1) as f64) as usize])
 }
 
-/// All visits but a share of them, the same for every seed.
+/// The visits without a share of them that is missing, the same for every seed.
 pub fn kept_visits(sightings: Vec<Sighting>, missing: f64) -> Vec<Sighting> {
     let mut random = stream(1, &[3]);
     sightings.into_iter().filter(|_| random.random::<f64>() >= missing).collect()
 }
 
-/// The balls' circle of equal angles: the mean of its balls is its centre.
+/// The balls are at equal angles, so the mean of their positions is the centre of the circle.
 fn eccentricity_error_mm(layout: &Layout, truth: &Truth, x: &[f64]) -> f64 {
     let balls = truth.balls.len();
     let error = |axis: usize| {
@@ -147,7 +147,7 @@ fn eccentricity_error_mm(layout: &Layout, truth: &Truth, x: &[f64]) -> f64 {
     error(0).abs().max(error(1).abs())
 }
 
-/// The design is the same for every seed: it is solved once.
+/// The design is the same for every seed, so it is solved once.
 fn population(seeds: u64, missing: f64) -> [[f64; 2]; 3] {
     let setting = setting();
     let basis = Basis::Fourier { order: ORDER, sub_order: 0 };
@@ -197,7 +197,7 @@ fn without_scatter_the_truth_is_found() {
     let (_, solution) = solve(&layout, &setting.stops(), &sightings, &sigma).unwrap();
     let worst = errors(&setting, &truth, &basis, &solution.x);
     println!("{worst:?}");
-    // What is left is of second order: 0.1 mm times a few 1e-6 rad.
+    // The remaining error is of second order: 0.1 mm times a few 1e-6 rad.
     assert!(worst.iter().take(3).all(|error| *error < 2e-6), "{worst:?}");
     assert!(worst.iter().skip(3).all(|error| *error < 1e-8), "{worst:?}");
 }

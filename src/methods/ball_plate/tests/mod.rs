@@ -1,6 +1,6 @@
 //! Gate G5 of METHODS: nullities, and the simulation of paper 5.
 //!
-//! The measurements come from rotation matrices written here, not from the equations that are tested.
+//! The measurements are computed from rotation matrices written here, not from the equations under test.
 
 mod four_step;
 mod g5;
@@ -14,7 +14,7 @@ use super::equations::Sighting;
 use super::layout::{Layout, Stop};
 use std::f64::consts::TAU;
 
-/// The plate of paper 5: right-handed turns, balls at steps of 360°/M.
+/// The plate of paper 5: right-handed rotation, balls at steps of 360°/M.
 struct Setting {
     positions: usize,
     revolutions: usize,
@@ -46,7 +46,7 @@ impl Setting {
         }
     }
 
-    /// `deviation` of a ball at a stop; `None`: the visit is missing.
+    /// Sightings with the `deviation` of a ball at a stop; `None`: the visit is missing.
     fn sightings(
         &self,
         mut deviation: impl FnMut(usize, usize, usize) -> Option<Vector3<f64>>,

@@ -1,4 +1,4 @@
-//! What one revolution of M = 48 positions cannot tell (METHODS section 5).
+//! The null space of one revolution with M = 48 positions (METHODS section 5).
 
 use estimation::linear::RANK_THRESHOLD;
 use faer::Mat;
@@ -15,7 +15,7 @@ fn even(balls: usize) -> Vec<usize> {
     (0..balls).map(|ball| ball * POSITIONS / balls).collect()
 }
 
-/// Nullity and condition (unscaled, of a plate of radius 1) with a value for each stop.
+/// Nullity and condition (unscaled, for a plate of radius 1) with a value for each stop.
 fn surveyed(steps: Vec<usize>, with_gauge: bool) -> (usize, f64) {
     let setting = Setting { positions: POSITIONS, revolutions: 1, radius_mm: 1.0, steps };
     let layout = setting.layout(Basis::Stops(POSITIONS));

@@ -1,5 +1,5 @@
-//! Machine, artefact and settings as the design sees them: what could be measured, and what each
-//! measurement would tell.
+//! Machine, artefact and settings for the design: the possible measurements, and the information that each
+//! would give.
 
 use nalgebra::Vector3;
 
@@ -17,12 +17,12 @@ use machine::record::machine::Machine;
 use machine::record::plan::Plan;
 use machine::{Axis, Position, frame::Point, frame::Spindle};
 
-/// What is asked of the machine's parameters at a noise of 1 um (METHODS section 4, G4): the units in
-/// which the criteria compare them. mm, rad, mm/mm.
+/// Required uncertainties of the machine's parameters at a noise of 1 µm (METHODS section 4, G4), in mm, rad,
+/// mm/mm. They are the units in which the criteria compare the parameters.
 const OFFSET: f64 = 0.8e-3;
 const ANGLE: f64 = 2e-6;
 const GAIN: f64 = 2.5e-6;
-/// Standard uncertainty of a coordinate of a ball's centre where nobody has declared one, mm.
+/// Standard uncertainty of a coordinate of a ball centre if none is declared, mm.
 const USUAL_U: f64 = 1e-3;
 
 pub struct Bench<'a> {
@@ -37,7 +37,7 @@ pub struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     /// # Errors
-    /// Settings, artefact or machine that cannot be measured with, each in words.
+    /// Settings, artefact or machine do not allow a measurement; the text states the reason.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         let set = balls(crate::samba::NAME, &plan.artefact)?;
         settings.check()?;
@@ -53,13 +53,13 @@ impl<'a> Bench<'a> {
         Ok(Self { plan, settings, balls: set, model, tip, oriented })
     }
 
-    /// How balls are measured.
+    /// Measurement setup of the balls.
     pub fn measurement(&self) -> MeasurementSetup<'a> {
         let Self { plan, settings, balls, .. } = *self;
         MeasurementSetup { method: crate::samba::NAME, plan, balls, touch: settings.touch() }
     }
 
-    /// Axis positions with the tip on the ball's stated centre.
+    /// Axis positions with the tip at the stated centre of the ball.
     pub fn on_ball(&self, at: &Position, ball: &Ball) -> Result<Position, Refused> {
         let centre = Point::from_vec(Vector3::from(ball.centre_mm));
         let linear = self.model.chain().linear_axes_for(centre, self.tip, at, &[]);
@@ -87,7 +87,7 @@ impl<'a> Bench<'a> {
         Ok(Sight { indexation, ball, columns: machine.chain(tool).collect() })
     }
 
-    /// The certified lengths alone.
+    /// Information from the certified lengths alone.
     pub fn nothing(&self) -> Information {
         let machine = self.model.parameters().len();
         let bars: Vec<Bar> = self.balls.lengths.iter().filter_map(|l| self.bar(l)).collect();
@@ -95,12 +95,12 @@ impl<'a> Bench<'a> {
         Information::new(machine, self.shared(), self.balls.balls.len(), &bars, unit)
     }
 
-    /// How many unknowns all measurements share: machine errors and stylus.
+    /// Number of unknowns that all measurements share: machine errors and stylus.
     pub fn shared(&self) -> usize {
         self.model.parameters().len() + self.model.stylus().len()
     }
 
-    /// Which balls a length joins, and its direction.
+    /// The balls that a length joins, and its direction.
     pub fn ends(&self, length: &Length) -> Option<([usize; 2], Vector3<f64>)> {
         let find = |id: &String| self.balls.balls.iter().position(|ball| ball.id == *id);
         let ends = [find(&length.from)?, find(&length.to)?];
@@ -114,12 +114,12 @@ impl<'a> Bench<'a> {
         Some(Bar { balls, direction, weight: OFFSET / length_u_mm(length) })
     }
 
-    /// Standard uncertainty of a coordinate of a ball's centre, mm.
+    /// Standard uncertainty of a coordinate of a ball centre, mm.
     pub fn u_mm(&self) -> f64 {
         self.plan.probe.repeatability_um.map_or(USUAL_U, |um| um.max(0.01) * 1e-3)
     }
 
-    /// Of the machine's parameters.
+    /// Units of the machine's parameters.
     fn units(&self) -> impl Iterator<Item = f64> + '_ {
         self.model.parameters().iter().map(|parameter| match parameter.shape() {
             Shape::Gain => GAIN,
@@ -132,7 +132,7 @@ impl<'a> Bench<'a> {
 /// Whether the spindle turns with the design.
 ///
 /// # Errors
-/// `spindle = "orient"` on a machine that declares no axis S.
+/// `spindle = "orient"` is set, but the machine declares no axis S.
 fn oriented(machine: &Machine, settings: &Settings) -> Result<bool, Refused> {
     let is_declared = machine.axes.contains_key(&Axis::S);
     if settings.spindle == settings::Spindle::Orient && !is_declared {
@@ -147,7 +147,7 @@ fn oriented(machine: &Machine, settings: &Settings) -> Result<bool, Refused> {
     Ok(is_declared && settings.spindle != settings::Spindle::Fixed)
 }
 
-/// An axis that stays where it is has no errors of its own to show: refused where they were asked for.
+/// Refuses selected errors of an axis that does not move, because they have no effect.
 fn check_standing(chosen: &[ErrorParameter], way: Way<'_>) -> Result<(), Refused> {
     let standing = |error: &&ErrorParameter| way.stands.contains(&error.axis());
     let Some(error) = chosen.iter().find(standing) else { return Ok(()) };

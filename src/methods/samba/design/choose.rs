@@ -1,5 +1,5 @@
-//! The greedy choice: one measurement of a ball after the other, each time the one that tells most of
-//! the machine for its time.
+//! Greedy design: ball measurements are added one by one, each time the one with the most information about
+//! the machine per time.
 
 use std::collections::BTreeSet;
 
@@ -7,28 +7,29 @@ use super::information::{Information, Sight};
 use crate::Refused;
 use crate::samba::settings::Criterion;
 
-/// A ball that nobody has calibrated brings three unknowns along: below three measurements it tells
-/// hardly anything of the machine.
+/// Minimum number of measurements of a ball. An uncalibrated ball adds three unknowns; with fewer
+/// measurements it gives hardly any information about the machine.
 pub const LEAST_VISITS: usize = 3;
 
-/// What another indexation takes of a ball measurement's time: turning, and the way there.
+/// Additional time for a new indexation, in units of the time of a ball measurement: the rotation and the
+/// path to it.
 const OPENING: f64 = 0.25;
 
-/// What may be spent at most.
+/// Maximum size of the design.
 #[derive(Debug, Clone, Copy)]
 pub struct Budget {
     pub balls: usize,
     pub indexations: usize,
 }
 
-/// Sights in the order in which they were chosen.
+/// Indices of the sights in the order in which they were chosen.
 pub struct Chosen {
     pub sights: Vec<usize>,
-    /// So many of them show each ball at [`LEAST_VISITS`] indexations.
+    /// Number of sights after which each ball has [`LEAST_VISITS`] indexations.
     pub least: usize,
 }
 
-/// What is chosen so far.
+/// State of the greedy choice.
 struct Choice<'a> {
     sights: &'a [Sight],
     budget: Budget,
@@ -36,17 +37,17 @@ struct Choice<'a> {
     information: Information,
     taken: Vec<usize>,
     opened: BTreeSet<usize>,
-    /// Of each ball.
+    /// Number of visits of each ball.
     visits: Vec<usize>,
 }
 
-/// `nothing` holds the lengths only.
+/// Chooses sights. `nothing` holds the information of the lengths only.
 ///
-/// First an indexation that sees most balls, then what shows the rest of them, then every ball at
-/// [`LEAST_VISITS`] indexations, then whatever tells most.
+/// First an indexation with most balls is chosen, then indexations for the remaining balls, then every ball
+/// at [`LEAST_VISITS`] indexations, then the sights with the most information.
 ///
 /// # Errors
-/// A budget that does not suffice for [`LEAST_VISITS`] of each ball.
+/// The budget does not suffice for [`LEAST_VISITS`] of each ball.
 pub fn choose(
     sights: &[Sight],
     balls: usize,
@@ -75,14 +76,14 @@ pub fn choose(
 }
 
 impl Choice<'_> {
-    /// All balls of the indexation that sees most of those not seen yet.
+    /// Adds all balls of the indexation with the most balls not measured yet.
     fn show_more(&mut self) -> bool {
         let new = |sight: &&Sight| self.visits.get(sight.ball) == Some(&0);
         let indexations = self.sights.iter().map(|sight| sight.indexation);
         let count =
             |at: usize| self.sights.iter().filter(|s| s.indexation == at).filter(new).count();
         let candidates: BTreeSet<usize> = indexations.collect();
-        // The first of equals.
+        // The first of equal indexations.
         let best = candidates.into_iter().rev().max_by_key(|at| count(*at));
         let Some(best) = best.filter(|at| count(*at) > 0) else { return false };
         let there = |(_, sight): &(usize, &Sight)| {
@@ -95,8 +96,8 @@ impl Choice<'_> {
         !allowed.is_empty()
     }
 
-    /// Of all that the budget allows, what tells most for its time; with `wanting` only balls that want
-    /// visits.
+    /// Adds the sight with the most information per time within the budget; with `wanting` only of balls that
+    /// need more visits.
     fn take_best(&mut self, wanting: bool) -> bool {
         let wants = |sight: &Sight| {
             !wanting || self.visits.get(sight.ball).is_some_and(|visits| *visits < LEAST_VISITS)
@@ -124,7 +125,7 @@ impl Choice<'_> {
             && (room || self.opened.contains(&sight.indexation))
     }
 
-    /// In ball measurements.
+    /// Time in units of a ball measurement.
     fn time_for(&self, sight: &Sight) -> f64 {
         if self.opened.contains(&sight.indexation) { 1.0 } else { 1.0 + OPENING }
     }

@@ -1,16 +1,16 @@
-//! What a choice of measurements tells of the machine: the inverse of its information matrix, the
-//! balls without a certified length eliminated, kept up to date as measurements join.
+//! Information about the machine from a choice of measurements: the inverse of its information matrix,
+//! updated with each measurement. Balls without a certified length are eliminated.
 
 use nalgebra::{Matrix3, Vector3};
 
 use crate::samba::settings::Criterion;
 use machine::Axis;
 
-/// Unknowns start with a variance so wide that it tells nothing, in their units.
+/// Initial variance of the unknowns in their units, so large that it contributes no information.
 const UNKNOWN: f64 = 1e6;
 
-/// One ball seen at one indexation: ∂(tip on the table)/∂(machine errors, then tool), each column in
-/// the unit of its unknown, over the standard uncertainty of a centre.
+/// A measurement of one ball at one indexation: ∂(tip on the table)/∂(machine errors, then tool), each column
+/// in the unit of its unknown, divided by the standard uncertainty of a centre.
 #[derive(Debug, Clone)]
 pub struct Sight {
     pub indexation: usize,
@@ -18,8 +18,8 @@ pub struct Sight {
     pub columns: Vec<Vector3<f64>>,
 }
 
-/// A certified distance: its balls, the direction from one to the other, and one over its standard
-/// uncertainty (in the unit of a ball's coordinate).
+/// A certified distance: its balls, the direction from one to the other, and the inverse of its standard
+/// uncertainty (in the unit of a ball coordinate).
 #[derive(Debug, Clone, Copy)]
 pub struct Bar {
     pub balls: [usize; 2],
@@ -27,21 +27,21 @@ pub struct Bar {
     pub weight: f64,
 }
 
-/// Inverse of an information matrix, square, by rows.
+/// Inverse of an information matrix, square, row by row.
 #[derive(Debug, Clone)]
 struct Inverse {
     size: usize,
     entries: Vec<f64>,
 }
 
-/// What three rows would do to an inverse P: P·Wᵀ, and I + W·P·Wᵀ.
+/// Terms of the update of an inverse P by three rows W: P·Wᵀ, and I + W·P·Wᵀ.
 struct Effect {
     along: Vec<Vector3<f64>>,
     core: Matrix3<f64>,
 }
 
 impl Effect {
-    /// (I + W·P·Wᵀ)⁻¹: there is one, P being positive.
+    /// (I + W·P·Wᵀ)⁻¹. It exists because P is positive definite.
     fn solved(&self) -> Matrix3<f64> {
         self.core.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
     }
@@ -53,7 +53,7 @@ impl Inverse {
         Self { size, entries: (0..size * size).map(diagonal).collect() }
     }
 
-    /// `columns`: those of W, one for each unknown.
+    /// `columns`: columns of W, one for each unknown.
     fn effect(&self, columns: &[Vector3<f64>]) -> Effect {
         let rows = self.entries.chunks_exact(self.size);
         let along: Vec<Vector3<f64>> =
@@ -63,7 +63,7 @@ impl Inverse {
         Effect { along, core }
     }
 
-    /// The rows join (Woodbury).
+    /// Adds the rows (Woodbury identity).
     fn join(&mut self, columns: &[Vector3<f64>]) {
         let effect = self.effect(columns);
         let (along, solved) = (&effect.along, effect.solved());
@@ -74,24 +74,25 @@ impl Inverse {
     }
 }
 
-/// Of the machine's parameters, after elimination of tool and balls.
+/// Information about the machine's parameters, after elimination of tool and balls.
 #[derive(Debug, Clone)]
 pub struct Information {
-    /// The first so many unknowns are what the design is for.
+    /// Number of machine parameters, which are the first unknowns.
     machine: usize,
-    /// Where the coordinates of a ball stand among the unknowns; `None`: eliminated.
+    /// Index of the first coordinate of each ball among the unknowns; `None`: the ball is eliminated.
     slots: Vec<Option<usize>>,
-    /// Measurements of each ball so far, and the mean of their columns.
+    /// Number of measurements of each ball so far, and the mean of their columns.
     seen: Vec<(f64, Vec<Vector3<f64>>)>,
     full: Inverse,
-    /// Of tool and balls alone, the machine known.
+    /// Inverse for tool and balls alone, with the machine known.
     rest: Inverse,
-    /// The size of a coordinate's unit over the standard uncertainty of a centre.
+    /// Unit of a ball coordinate divided by the standard uncertainty of a centre.
     ball_unit: f64,
 }
 
 impl Information {
-    /// `shared`: machine parameters and tool. Balls with a certified length stay among the unknowns.
+    /// `shared`: number of machine parameters and tool coordinates. Balls with a certified length remain
+    /// among the unknowns.
     pub fn new(machine: usize, shared: usize, balls: usize, bars: &[Bar], ball_unit: f64) -> Self {
         let mut size = shared;
         let mut slots = vec![None; balls];
@@ -124,8 +125,8 @@ impl Information {
         self.rest.join(columns.get(self.machine..).unwrap_or_default());
     }
 
-    /// The measurement's rows on the unknowns: an eliminated ball takes away what it must tell of
-    /// itself, n/(n+1) of the difference from the mean of the n measurements so far remains.
+    /// The rows of the measurement for the unknowns. For an eliminated ball, the information about the ball
+    /// itself is removed: n/(n+1) of the difference from the mean of the n earlier measurements remains.
     fn columns(&self, sight: &Sight) -> Vec<Vector3<f64>> {
         let slot = self.slots.get(sight.ball).copied().flatten();
         let mut columns = match (slot, self.seen.get(sight.ball)) {
@@ -143,8 +144,8 @@ impl Information {
         columns
     }
 
-    /// How much the measurement would tell. D: growth of the logarithm of det(information); A: the
-    /// sum of variances it takes away.
+    /// Information gain of the measurement. D: increase of the logarithm of det(information); A: decrease of
+    /// the sum of variances.
     pub fn gain(&self, sight: &Sight, criterion: Criterion) -> f64 {
         let columns = self.columns(sight);
         let full = self.full.effect(&columns);
@@ -164,7 +165,7 @@ impl Information {
         }
     }
 
-    /// The measurement joins.
+    /// Adds the measurement.
     pub fn add(&mut self, sight: &Sight) {
         let columns = self.columns(sight);
         self.join(&columns);

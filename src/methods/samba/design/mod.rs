@@ -1,4 +1,4 @@
-//! The measuring design: which balls at which indexations, in which order, and whether that is enough.
+//! The measuring design: the balls at each indexation, their order, and the check that they suffice.
 
 mod bench;
 mod choose;
@@ -23,22 +23,22 @@ use machine::record::artefact::Ball;
 use machine::{Axis, Position};
 use planning::Access;
 
-/// A stylus this near to the spindle's axis stands on it, as far as ways past obstacles go.
+/// Maximum distance of a stylus from the spindle axis at which it counts as on the axis in the access checks,
+/// mm.
 const CENTRAL_MM: f64 = 0.1;
 
-/// What can be measured.
+/// Possible measurements.
 pub struct Candidates {
     pub at: Vec<Position>,
     pub sights: Vec<Sight>,
 }
 
-/// The visits in measuring order, rank and condition looked at. `time_s` gives the machine time of
-/// visits.
+/// The visits in measuring order, with rank and condition checked. `time_s` gives the machine time of visits,
+/// s.
 ///
 /// # Errors
-/// Whatever [`Candidates::new`] refuses, a budget that does not suffice, the paper's design on a
-/// machine or artefact that cannot have it, and a design that does not tell the machine's errors
-/// apart, in words.
+/// The errors of [`Candidates::new`]; the budget does not suffice; the machine or artefact does not allow the
+/// paper's design; the design does not separate the errors of the machine. The text states the reason.
 pub fn design(
     bench: &Bench<'_>,
     time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
@@ -46,7 +46,7 @@ pub fn design(
     let access = bench.measurement().access(&bench.plan.artefact)?;
     let candidates = Candidates::new(bench, &access)?;
     let visits = match bench.settings.design {
-        // In the order that its definition gives.
+        // In the order that the definition of the paper's design gives.
         Kind::Paper => {
             balls_in_order(&bench.measurement(), &access, paper::visits(bench, &candidates)?)?
         }
@@ -56,7 +56,7 @@ pub fn design(
     Ok(visits)
 }
 
-/// The greedy choice, as much of it as the minutes allow.
+/// The greedy choice, as far as the time limit in minutes allows.
 fn optimal(
     bench: &Bench<'_>,
     (candidates, access): (&Candidates, &Access),
@@ -88,7 +88,7 @@ fn optimal(
                 .to_owned(),
         });
     }
-    // Halving: `fits` is known to fit.
+    // Bisection: `fits` is known to fit.
     let (mut fits, mut beyond) = (chosen.least, chosen.sights.len() + 1);
     while beyond - fits > 1 {
         let middle = (fits + beyond) / 2;
@@ -99,7 +99,7 @@ fn optimal(
 
 impl Candidates {
     /// # Errors
-    /// An indexation outside the limits; a ball that fewer than three indexations show.
+    /// An indexation is outside the limits; a ball is accessible at fewer than three indexations.
     pub fn new(bench: &Bench<'_>, access: &Access) -> Result<Self, Refused> {
         let paper;
         let settings = match bench.settings.design {
@@ -132,7 +132,7 @@ impl Candidates {
         Ok(Self { at, sights })
     }
 
-    /// The chosen sights, by indexation.
+    /// The chosen sights, grouped by indexation.
     pub fn visits(&self, chosen: &[usize]) -> Vec<Visit> {
         let mut by_place: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
         for sight in chosen.iter().filter_map(|index| self.sights.get(*index)) {
@@ -145,8 +145,8 @@ impl Candidates {
     }
 }
 
-/// Whether a ball can be measured, or why not, at each indexation: as it is searched for, where it is
-/// stated and grown by how far it may be from there. Then it can be measured wherever it is found.
+/// Whether a ball can be measured at each indexation, or the reason why not. The check uses the search at the
+/// stated position, enlarged by its uncertainty; the ball can then be measured wherever it is found.
 fn free(
     bench: &Bench<'_>,
     access: &Access,
@@ -154,7 +154,7 @@ fn free(
     ball: &Ball,
 ) -> Vec<Result<(), String>> {
     let approach = bench.measurement().search(bench.balls.uncertainty_mm);
-    // A stylus on the spindle's axis stands the same however the spindle is turned.
+    // A stylus on the spindle axis occupies the same space at every spindle angle.
     let central = bench.tip.mm.xy().norm() < CENTRAL_MM;
     let mut last: Option<(Position, Result<(), String>)> = None;
     let mut all = Vec::with_capacity(at.len());

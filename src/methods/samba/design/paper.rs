@@ -1,13 +1,12 @@
-//! The design with the counts of paper 4, section 3: 32 triples of B, C and S, 109 balls; B at 0, ±10,
-//! ±30, ±60 and ±90°, C by 90° forward and reverse, S by 90°.
+//! The design with the counts of paper 4, section 3: 32 triples of B, C and S, 109 balls; B at 0, ±10, ±30,
+//! ±60 and ±90°, C in steps of 90° forward and reverse, S in steps of 90°.
 //!
-//! The paper does not list its triples. This is one assignment with exactly its counts: the tilts in
-//! ascending order; at 0° all four quarters of C forward and again in reverse, at each other tilt three
-//! quarters, forward and reverse by turns, the quarter left out going round; S on by a quarter from
-//! triple to triple, the tilts a quarter apart, and opposite on the way back at 0°, so that no triple
-//! stands twice. Of the balls that are
-//! accessible there 109 are kept: again and again, of the triple with the most balls, the ball that is
-//! measured most often is left out.
+//! The paper does not list its triples. This is one assignment with exactly its counts. The tilts ascend. At
+//! 0° C takes all four quarters forward and then in reverse. At each other tilt C takes three quarters,
+//! alternately forward and in reverse, and the omitted quarter rotates. S advances by a quarter from triple
+//! to triple, starts a quarter later at each tilt, and is opposite in the reverse pass at 0°, so that no
+//! triple occurs twice. Of the accessible balls 109 are kept: repeatedly, from the triple with the most
+//! balls, the ball that is measured most often is removed.
 
 use super::{Bench, Candidates};
 use crate::Refused;
@@ -32,7 +31,7 @@ fn triples() -> Vec<[usize; 3]> {
             even if even.is_multiple_of(2) => forward,
             _ => reverse.copied().collect(),
         };
-        // On the way back at 0° the spindle stands opposite to the way there.
+        // In the reverse pass at 0° the spindle is opposite to the forward pass.
         let spindle = |k: usize, c: usize| if k < 4 { k } else { c + 2 };
         let triple = |(k, c): (usize, usize)| [tilt, c, (spindle(k, c) + tilt) % 4];
         triples.extend(turns.into_iter().enumerate().map(triple));
@@ -40,7 +39,7 @@ fn triples() -> Vec<[usize; 3]> {
     triples
 }
 
-/// With the paper's positions.
+/// The settings with the paper's positions.
 pub fn settings(settings: &Settings) -> Settings {
     Settings {
         tilt_deg: TILTS_DEG.to_vec(),
@@ -50,11 +49,11 @@ pub fn settings(settings: &Settings) -> Settings {
     }
 }
 
-/// In measuring order.
+/// The visits in measuring order.
 ///
 /// # Errors
-/// A machine without one tilting axis, one axis parallel to the spindle and a spindle that is
-/// oriented; fewer than 109 balls accessible at these triples.
+/// The machine lacks one tilting axis, one axis parallel to the spindle, or an oriented spindle; fewer than
+/// 109 balls are accessible at these triples.
 pub fn visits(bench: &Bench<'_>, candidates: &Candidates) -> Result<Vec<Visit>, Refused> {
     let machine = &bench.plan.machine;
     let rotary: Vec<Axis> = machine.axes.keys().copied().filter(|a| is_rotary(*a)).collect();
@@ -103,7 +102,7 @@ fn leave_one_out(visits: &mut [Visit]) {
     for ball in visits.iter().flat_map(|visit| &visit.balls) {
         often[*ball] += 1;
     }
-    // The first of equals.
+    // The first of equal visits.
     let fullest = visits.iter_mut().rev().max_by_key(|visit| visit.balls.len());
     let Some(visit) = fullest else { return };
     let most = visit.balls.iter().rev().copied().max_by_key(|ball| often[*ball]);

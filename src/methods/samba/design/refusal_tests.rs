@@ -1,4 +1,4 @@
-//! What cannot be measured is refused in words before anything moves.
+//! Measurements that are impossible are refused with a reason before the first motion.
 
 use super::tests::plan;
 use crate::samba::settings::{Design, Settings, Spindle};
@@ -73,7 +73,7 @@ fn indexations_outside_the_limits() {
     refused(&narrow, asked, &["B at -60°", "[-45, 100]"]);
     let paper = Settings { design: Design::Paper, ..Settings::default() };
     refused(&narrow, paper, &["does not reach B-90"]);
-    // The defaults are cut to what the axis reaches.
+    // The defaults are restricted to the limits of the axis.
     let answer = Samba::new(Settings::default()).next(&narrow, &[], Source::Measured(&[]));
     assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
 }
@@ -90,7 +90,8 @@ fn a_spindle_that_is_not_oriented() {
     assert!(matches!(answer, Ok(Next::Stage { .. })), "{answer:?}");
 }
 
-/// B in the head: it stands at 0, whatever tilt_deg says of A. Its errors are refused where asked for.
+/// B is in the head and stays at 0, whatever `tilt_deg` states for A. Its errors are refused if they are
+/// selected.
 #[test]
 fn a_head_that_tilts_stands_upright() {
     let mut fork = plan(&Settings::default());

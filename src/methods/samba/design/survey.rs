@@ -10,10 +10,11 @@ use crate::samba::model::length_u_mm;
 use estimation::linear::{RANK_THRESHOLD, Survey, survey};
 use estimation::null_names::name_null_space;
 
-/// Scaled condition beyond which an error of the design is more likely than a machine that needs it.
+/// Maximum scaled condition number. Beyond it a mistake in the design is more likely than a machine that
+/// needs it.
 const WORST_CONDITION: f64 = 1e4;
 
-/// All rows of the design, weighted, on machine errors, tool and balls; and the names of these.
+/// All rows of the design, weighted, for machine errors, tool and balls; and the names of these unknowns.
 pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<String>), Refused> {
     let parameters = bench.model.parameters();
     let shared = bench.shared();
@@ -57,7 +58,7 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
 }
 
 /// # Errors
-/// A design that leaves something open: what it is, in words.
+/// The design leaves a combination undetermined; the text names it.
 pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
     let (matrix, names) = matrix(bench, visits)?;
     let found = survey(matrix.as_ref(), None, RANK_THRESHOLD).map_err(|error| Refused {
@@ -65,7 +66,8 @@ pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
         instead: "correct [machine], [axes] and [artefact]".to_owned(),
     })?;
     if found.nullity > 0 {
-        // Where the machine is not known the balls are not either: that need not be said.
+        // Undetermined machine errors make the balls undetermined as well; only the machine errors and the
+        // tool are named.
         let of_machine = found.null_space.get(..bench.shared(), ..);
         let lost = name_null_space(of_machine, &names);
         return Err(open(bench, format!("{} of {}", found.rank, names.len()), &lost));
@@ -82,7 +84,7 @@ pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
     Ok(found)
 }
 
-/// What a design leaves open, and what to do.
+/// Error for a design that leaves combinations undetermined, with a remedy.
 fn open(bench: &Bench<'_>, sees: String, lost: &[String]) -> Refused {
     let gains =
         |line: &&String| ["EXX1", "EYY1", "EZZ1"].iter().filter(|g| line.contains(**g)).count();

@@ -1,4 +1,4 @@
-//! The design on the machine and the balls of paper 4, and on those of `config/samba.toml`.
+//! The design for the machine and the balls of paper 4, and for those of `config/samba.toml`.
 
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
@@ -11,7 +11,7 @@ use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
 use machine::record::artefact::{Artefact, Ball, Balls, Length};
 use machine::record::plan::Plan;
 
-/// Paper 4, table 1 (samba-balls.csv): balls 1 and 2 are the scale bar. Stems down to the table.
+/// Paper 4, table 1 (samba-balls.csv): balls 1 and 2 are the scale bar. The stems point down to the table.
 pub const RUMBA: [[f64; 3]; 6] = [
     [-152.4, 0.0, 40.855],
     [152.4, 0.0, 40.435],
@@ -62,11 +62,11 @@ pub fn plan(settings: &Settings) -> Plan {
     }
 }
 
-/// G4 (METHODS section 4) on the built-in machine: rank, condition, and the standard deviations at 1 um
-/// and u = 0.1 um.
+/// G4 (METHODS section 4) on the built-in machine: rank, condition, and the standard deviations at 1 µm noise
+/// and u = 0.1 µm.
 fn check_g4(kind: (Kind, Criterion)) {
     let (mut plan, settings) = (built_in::plan(), built_in::settings(kind));
-    // The noise that the gate speaks of; the design is that of the probe as declared.
+    // The noise of the gate; the design is that of the declared probe.
     plan.probe.repeatability_um = Some(1.0);
     let bench = Bench::new(&plan, &settings).unwrap();
     let visits = built_in::visits(kind);
@@ -110,7 +110,7 @@ fn gate_g4_the_built_in_designs() {
     built_in::ALL.into_iter().for_each(check_g4);
 }
 
-/// As many balls as 25 minutes allow, and hardly fewer.
+/// The design has as many balls as 25 minutes allow, and hardly fewer.
 #[test]
 fn the_budget_in_minutes_is_kept() {
     let settings = Settings { minutes: 25.0, ..Settings::default() };
@@ -125,7 +125,7 @@ fn the_budget_in_minutes_is_kept() {
     assert!((18..109).contains(&balls), "{balls} balls");
 }
 
-/// The greedy choice is worth its name: the same number of balls drawn blindly tells less.
+/// A random choice of the same number of balls gives less information than the greedy choice.
 #[test]
 fn a_choice_by_chance_tells_less() {
     let settings = Settings::default();
@@ -157,7 +157,7 @@ fn a_choice_by_chance_tells_less() {
     }
 }
 
-/// Where the table only turns, the stylus's length shifts all balls alike: it is held, no unknown.
+/// If only the table turns, the length of the stylus shifts all balls alike: it is fixed and not an unknown.
 #[test]
 fn a_machine_of_four_axes_has_a_design() {
     for (topology, unknowns) in [("wCFXYZt", 7 + 2 + 18), ("wCFXYZSt", 9 + 2 + 18)] {

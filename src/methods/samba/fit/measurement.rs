@@ -1,4 +1,4 @@
-//! The problem as a function of its observations.
+//! The least-squares problem as a function of its observations.
 
 use nalgebra::Vector3;
 
@@ -26,7 +26,7 @@ impl ObservationEquation for Measurement<'_> {
         self.problem.residuals(x, &measured)
     }
 
-    /// By the weights, which are those of the machine without errors.
+    /// The change with the weights, which are those of the machine without errors.
     fn weighted_change(&self, change: &[f64]) -> Vec<f64> {
         let problem = self.problem;
         let mut rows = vec![0.0; problem.rows_count()];

@@ -1,5 +1,5 @@
-//! The product's own designs on the product's own machine and balls (`config/samba.toml`): what the
-//! tests of this folder measure is what `trued run samba` measures.
+//! The built-in designs on the built-in machine and balls (`config/samba.toml`): the tests of this folder
+//! measure what `trued run samba` measures.
 
 use std::sync::OnceLock;
 
@@ -13,17 +13,17 @@ use crate::samba::settings::{Criterion, Design};
 use machine::Axis;
 use machine::record::plan::{PLAN_VERSION, Plan};
 
-/// What may be asked for: D-optimal is what runs when nothing is.
+/// The designs that a user can select; D-optimal is the default.
 pub const OPTIMAL: (Design, Criterion) = (Design::Optimal, Criterion::D);
 pub const ALL: [(Design, Criterion); 3] =
     [OPTIMAL, (Design::Optimal, Criterion::A), (Design::Paper, Criterion::D)];
 
-/// Of `config/samba.toml`.
+/// Plan of `config/samba.toml`.
 pub fn plan() -> Plan {
     plan_of(include_str!("../../../../config/samba.toml"), "samba")
 }
 
-/// Machine, probe and balls as the file has them, nothing measured yet.
+/// Machine, probe and balls of the file, without measurements.
 pub fn plan_of(file: &str, method: &str) -> Plan {
     let mut file: toml::Table = file.parse().unwrap();
     let axes = file["axes"].clone();
@@ -63,7 +63,7 @@ pub fn visits(kind: (Design, Criterion)) -> &'static [Visit] {
     })
 }
 
-/// Of [`OPTIMAL`] with C at other positions.
+/// The design [`OPTIMAL`] with other positions of C.
 pub fn turned_by(turn_deg: &[f64]) -> Vec<(Triple, usize)> {
     let settings = Settings { turn_deg: turn_deg.to_vec(), ..settings(OPTIMAL) };
     let plan = plan();
@@ -71,7 +71,7 @@ pub fn turned_by(turn_deg: &[f64]) -> Vec<(Triple, usize)> {
     of_visits(&design(&bench, |_| Ok(0.0)).unwrap())
 }
 
-/// The same, one measurement after the other: B, C, S in rad, and the ball counted from 0.
+/// The measurements of the design, one after the other: B, C, S in rad, and the index of the ball from 0.
 pub fn measurements(kind: (Design, Criterion)) -> Vec<(Triple, usize)> {
     let all = of_visits(visits(kind));
     assert_eq!((visits(kind).len(), all.len()), (32, 109));

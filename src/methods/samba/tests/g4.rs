@@ -1,5 +1,5 @@
-//! Gate G4 of METHODS section 4, on the product's own designs and on the paper's counts: what they
-//! measure is computed by plain matrix products.
+//! Gate G4 of METHODS section 4, on the built-in designs and on the paper's counts. The measurements are
+//! computed by plain matrix products.
 
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
@@ -20,7 +20,7 @@ use machine::record::artefact::{Ball, Balls};
 use machine::{Axis, Position};
 use testing::population::{population, ratio_bounds};
 
-/// Of each coordinate of a measurement, and of the bar, mm.
+/// Standard deviation of each coordinate of a measurement, and standard uncertainty of the bar, mm.
 const NOISE_MM: f64 = 1e-3;
 const U_BAR_MM: f64 = 1e-4;
 
@@ -39,7 +39,7 @@ fn position([b, c, s]: Triple) -> Position {
 
 type Kind = (Design, Criterion);
 
-/// A design measured on the machine of the paper's table 2; with and without bar and spindle.
+/// A design measured on the machine of the paper's table 2, with and without bar and spindle orientation.
 fn measured(kind: Kind, bar: bool, spindle: bool) -> (Problem, Measured) {
     let balls = true_balls();
     let visits: Vec<(Triple, usize)> = measurements(kind)
@@ -115,7 +115,7 @@ fn check_ranks(kind: Kind) {
     assert!(lost.iter().any(|line| line.starts_with("the uniform scale")), "{lost:?}");
 }
 
-/// METHODS section 4: additions that nothing can separate, each named.
+/// METHODS section 4: additional errors that are inseparable from others are named.
 #[test]
 fn regress_inseparable_additions_are_named() {
     for (addition, partner) in [
@@ -145,7 +145,7 @@ fn regress_inseparable_additions_are_named() {
     }
 }
 
-/// The exact machine closes: what it reads is where its balls are.
+/// The misclosure is zero for the true errors: the readings give the true positions of the balls.
 #[test]
 fn regress_no_misclosure_at_the_truth() {
     let (model, truth) = (model(), truth());
@@ -182,7 +182,7 @@ fn check_recovery(kind: Kind) {
     }
 }
 
-/// Offsets ≤ 0.8 µm, angles ≤ 2 µrad, gains ≤ 2.5 µm/m; and 200 seeds scatter as predicted.
+/// Offsets ≤ 0.8 µm, angles ≤ 2 µrad, gains ≤ 2.5 µm/m; the scatter over 200 seeds is as predicted.
 #[test]
 fn gate_g4_uncertainties_as_predicted_and_as_seen_over_200_seeds() {
     for kind in ALL {
@@ -237,12 +237,12 @@ fn check_scatter(kind: Kind, problem: &Problem, exact: &Measured) {
         let ratio = (sum / seeds as f64 / covariance[(i, i)]).sqrt();
         assert!((low..=high).contains(&ratio), "{kind:?}, unknown {i}: {ratio}");
     }
-    // Sums of 3·109 + 1 − 34 squares: within four standard deviations of their mean.
+    // Sums of 3·109 + 1 − 34 squares: within four standard deviations of their expectation.
     let dof = (seeds * (3 * 109 + 1 - 34)) as f64;
     assert!((chi2 / dof - 1.0).abs() < 4.0 * (2.0 / dof).sqrt(), "{}", chi2 / dof);
 }
 
-/// The blocks against all rows in one dense matrix, derivatives by differences of the residuals.
+/// Compares the blocks with all rows in one dense matrix, with derivatives by differences of the residuals.
 #[test]
 fn regress_rows_as_differences_of_the_residuals() {
     let (problem, measured) = measured(OPTIMAL, true, true);

@@ -1,11 +1,11 @@
-//! The machine of paper 4 a second way: Eq. (2) as plain matrix products, each error where METHODS
-//! section 0 puts it. Nothing of `kinematics`.
+//! An independent model of the machine of paper 4: Eq. (2) as plain matrix products, with each error where
+//! METHODS section 0 places it. It uses nothing of `kinematics`.
 
 use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Matrix4, Vector3, Vector4};
 
-/// B, C, S in rad.
+/// Angles of B, C, S in rad.
 pub type Triple = [f64; 3];
 
 pub struct Truth {
@@ -42,7 +42,7 @@ impl Truth {
         self.errors.get(name).copied().unwrap_or(0.0)
     }
 
-    /// The stylus on the table with the axes at `xyz` and `triple`.
+    /// The stylus in the table frame with the axes at `xyz` and `triple`.
     pub fn tip(&self, xyz: Vector3<f64>, [b, c, s]: Triple) -> Vector3<f64> {
         let e = |name| self.error(name);
         let workpiece = d_xyz(-xyz.x * (1.0 + e("EXX1")), 0.0, 0.0)
@@ -56,7 +56,8 @@ impl Truth {
         inverse.transform_point(&in_machine).coords
     }
 
-    /// Where the axes stand with the stylus-ball centre at `ball`: affine in X, Y, Z, twice for rounding.
+    /// Axis positions with the stylus ball centre at `ball`. The solution is affine in X, Y, Z; the second
+    /// step reduces rounding.
     pub fn axes_at(&self, ball: Vector3<f64>, triple: Triple) -> Vector3<f64> {
         let origin = self.tip(Vector3::zeros(), triple);
         let column = |axis: Vector3<f64>| (self.tip(axis * 100.0, triple) - origin) / 100.0;

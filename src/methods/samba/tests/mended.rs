@@ -1,4 +1,4 @@
-//! What is not as it should be with the readings, and what must be said of it.
+//! Faulty readings, and how they are reported.
 
 use nalgebra::Vector3;
 use rand_distr::{Distribution, StandardNormal};
@@ -14,8 +14,8 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::{Flag, Reading};
 
-/// A file with a header only, a run stopped in its first search, one measurement that is not complete:
-/// refused, and said why.
+/// A file with a header only, a run stopped in its first search, and an incomplete measurement are refused
+/// with a reason.
 #[test]
 fn regress_readings_without_a_complete_measurement_are_refused() {
     let (mut plan, mut readings) = SOUND.measure();
@@ -37,7 +37,7 @@ fn regress_readings_without_a_complete_measurement_are_refused() {
     assert!(why(&plan, &readings[..19]).contains("first search"));
 }
 
-/// Encoders flicker: the touches of one measurement are read 1e-4° apart, and it is one measurement.
+/// Encoder readings flicker: the touches of one measurement differ by 1e-4°, but they are one measurement.
 #[test]
 fn regress_rotary_encoders_that_flicker() {
     let (plan, mut readings) = SOUND.measure();
@@ -57,14 +57,15 @@ fn regress_rotary_encoders_that_flicker() {
         groups.map(|group| (group.name.clone(), group.arrows.len())).collect::<Vec<_>>()
     });
     assert_eq!((named.len(), &named), (32, &expected));
-    // 1e-4° at 250 mm are 0.4 µm a touch, beside 0.5 µm of the probe: less than that of u.
+    // 1e-4° at 250 mm is 0.4 µm per touch, against 0.5 µm of the probe: the change is less than that part of
+    // u.
     for (name, _) in paper_errors() {
         let (with, without) = (parameter(&estimate, &name), parameter(&sound, &name));
         let off = (with.value - without.value) / without.u;
         println!("{name}: {off:+.3} u");
         assert!(off.abs() < 0.75, "{name}: {off}");
     }
-    // An axis that moved between the touches is something else.
+    // An axis that moved between the touches is a different case.
     let moved = readings[2].position.get(Axis::B).unwrap() + 0.02_f64.to_radians();
     readings[2].position.set(Axis::B, moved);
     let estimate = identify(&plan, &settings(), &readings).unwrap();
@@ -77,8 +78,8 @@ const FOURTH: World = World {
     ..SOUND
 };
 
-/// At multiples of 90° it is a part of EX0C, without a trace: that is said. At multiples of 72° it is
-/// seen as what it is, no error of a location.
+/// At multiples of 90° the error motion is indistinguishable from EX0C, and the estimate reports this. At
+/// multiples of 72° it is detected as an error motion, not as a location error.
 #[test]
 fn regress_harmonics_that_the_positions_cannot_tell_are_named() {
     let told = |estimate: &Estimate| -> Vec<String> {
@@ -104,7 +105,7 @@ fn regress_harmonics_that_the_positions_cannot_tell_are_named() {
     assert!(told(&seen)[0].contains("C at orders 5, 10: inseparable from EX0C"));
 }
 
-/// A machine that stands 2 µm elsewhere in X, Y and Z after a stop: as much as its references grant.
+/// A machine that is displaced by 2 µm in X, Y and Z after a stop, which is the limit of its references.
 #[test]
 fn regress_a_step_at_an_interruption_is_within_the_uncertainty() {
     let (plan, readings) = SOUND.measure();
@@ -134,7 +135,7 @@ fn regress_a_step_at_an_interruption_is_within_the_uncertainty() {
         let ex0c = parameter(&estimate, "EX0C");
         assert!(ex0c.budget.iter().any(|line| line.source == "steps at interruptions"));
     }
-    // Nothing was measured after it: no step.
+    // Nothing was measured after the interruption, so there is no step.
     let plan = Plan { gaps_s: vec![readings.last().unwrap().t_s], ..plan };
     assert_eq!(identify(&plan, &settings(), &readings).unwrap(), sound);
 }

@@ -14,7 +14,7 @@ use machine::kinematics::Topology;
 use machine::record::estimate::Estimate;
 use machine::record::machine::{AxisSpec, Machine};
 
-/// A machine without travel limits to speak of.
+/// A machine with practically unlimited travel.
 pub fn machine(topology: &str) -> Machine {
     let parsed: Topology = topology.parse().unwrap();
     let spec: AxisSpec = serde_json::from_str(r#"{"min":-1000,"max":1000}"#).unwrap();
@@ -30,7 +30,7 @@ pub fn machine(topology: &str) -> Machine {
 
 /// Paper 4, table 4, item S3.
 pub const TOOL: Vector3<f64> = Vector3::new(-0.012, -0.012, -326.746);
-/// Its table 1, less than half a millimetre beside: nobody calibrated the balls.
+/// Paper 4, table 1, changed by less than half a millimetre: the balls are uncalibrated.
 const BAR_MM: f64 = 304.8;
 
 /// Paper 4, table 1.
@@ -43,7 +43,7 @@ fn paper_balls() -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// Where the balls really stand.
+/// True positions of the balls.
 fn true_balls() -> Vec<Vector3<f64>> {
     let beside = |i: usize, k: f64| 0.4 * (i as f64 * 2.1 + k).sin();
     let mut balls = paper_balls();
@@ -65,7 +65,7 @@ pub fn paper_errors() -> Vec<(String, f64)> {
         .collect()
 }
 
-/// An estimate of samba that has found the paper's table 2 exactly.
+/// An estimate of samba that equals the paper's table 2.
 pub fn exact_estimate() -> Estimate {
     let unit = |name: &str| match name {
         gain if gain.ends_with('1') => ("um/m", 1e6),

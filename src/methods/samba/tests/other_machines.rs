@@ -1,4 +1,4 @@
-//! The implied set on other machines: complete, without redundancy, and found again.
+//! The implied set on other machines is complete, without redundancy, and is recovered.
 
 use std::f64::consts::TAU;
 
@@ -72,10 +72,10 @@ fn regress_implied_errors_are_found_again() {
     check("wCAYFXZt", 11 + 3 + 15);
     check("wAFXYZBt", 11 + 3 + 15);
     check("V[w-C-B-b-Y-X-Z-(C)-t]", 13 + 3 + 15);
-    // Nothing turns across the stylus: its length only shifts all balls, and is held as stated.
+    // No axis turns across the stylus: its length only shifts all balls and keeps its stated value.
     check("wCFXYZt", 7 + 2 + 15);
     check("wCFXYZSt", 9 + 2 + 15);
-    // The same with tables that tilt: turning shows the gain of Z here, and not the one of Y or X.
+    // The same for tables that tilt: the rotation shows the gain of Z here, and not that of Y or X.
     check("wBFXYZt", 7 + 2 + 15);
     check("wAFXYZt", 7 + 2 + 15);
 }

@@ -1,4 +1,4 @@
-//! The stages played with readings of a machine that is not the nominal one.
+//! The stages of a run, with readings of a machine that differs from the nominal one.
 
 use nalgebra::Vector3;
 
@@ -14,12 +14,12 @@ use machine::{Axis, Position, frame::Point};
 
 type Dirt = Box<dyn Fn(&Label, u32) -> f64>;
 
-/// A machine with errors and balls that stand beside their stated places.
+/// A machine with errors, and balls that are displaced from their stated positions.
 struct Shop {
     chain: Chain,
     errors: Vec<ErrorTerm>,
     shift: Vector3<f64>,
-    /// Added to the contact of one touch, mm: dirt.
+    /// Dirt: length added to the contact of one touch, mm.
     dirt: Dirt,
 }
 
@@ -34,7 +34,7 @@ impl Shop {
         }
     }
 
-    /// Where the stylus meets the ball, by halving.
+    /// Contact of the stylus with the ball, by bisection.
     fn touch(&self, plan: &Plan, step: &Step, repeat: u32) -> Reading {
         let Artefact::Balls(balls) = &plan.artefact else { panic!() };
         let label: Label = step.label.parse().unwrap();
@@ -71,7 +71,7 @@ impl Shop {
 
 type Played = (Plan, Vec<Stage>, Vec<Reading>);
 
-/// All stages, as a run asks for them.
+/// Plays all stages, as in a run.
 fn play(settings: &Settings, shop: &Shop) -> Result<Played, Refused> {
     let mut played = (plan(settings), Vec::new(), Vec::new());
     go_on(settings, shop, &mut played).map(|()| played)
@@ -105,7 +105,7 @@ fn the_stages_are_played_to_the_end() {
     let shop = Shop::new(&plan(&settings));
     let (played, done, _) = play(&settings, &shop).unwrap();
     assert!(done.iter().all(|stage| stage.repeat == 0));
-    // Every ball is searched for first, and measured at three indexations or more.
+    // Every ball is searched for first, and measured at three or more indexations.
     let labels: Vec<Label> = played.steps.iter().map(|step| step.label.parse().unwrap()).collect();
     for ball in rumba().balls {
         let of = |pass: Pass| {
@@ -116,7 +116,7 @@ fn the_stages_are_played_to_the_end() {
     }
     let slow = labels.iter().filter(|l| l.pass == Pass::Slow).count();
     assert_eq!(slow, 5 * 30);
-    // From where all are found on, proofs look at the balls where they stand.
+    // Once all balls are found, proofs use their found positions.
     let last = done.last().unwrap().found.clone().unwrap();
     let Artefact::Balls(found) = last else { panic!() };
     let stated = rumba();
@@ -166,7 +166,7 @@ fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
     assert_eq!(finds, 5 * 6);
 }
 
-/// Dirt on one touch: the ball is measured once more, and then the run holds.
+/// Dirt on one touch: the ball is measured again, then the run holds.
 #[test]
 fn dirt_is_measured_once_more_and_then_holds_the_run() {
     let settings = few();
@@ -208,11 +208,12 @@ fn a_ball_far_from_its_stated_place_is_named() {
     for word in ["ball ", "from its stated place", "uncertainty_mm = 1"] {
         assert!(refused.why.contains(word), "{}", refused.why);
     }
-    // No reference was measured yet.
+    // No reference has been measured yet.
     assert!(refused.instead.ends_with("then start a new run"), "{}", refused.instead);
 }
 
-/// The search of a ball that somebody pushed: the run holds; once it is put back it goes on.
+/// The run holds if the search finds a ball that was moved; it continues once the ball is put back and the
+/// run is resumed.
 #[test]
 fn a_ball_found_elsewhere_is_searched_again_after_a_person_has_looked() {
     let settings = few();
@@ -227,7 +228,7 @@ fn a_ball_found_elsewhere_is_searched_again_after_a_person_has_looked() {
     let refused = go_on(&settings, &shop, &mut played).unwrap_err();
     assert!(refused.why.contains("the ball has moved"), "{}", refused.why);
     assert!(refused.instead.contains("resume the run: it measures the ball again"));
-    // Nobody has looked: it does not go on by itself.
+    // The run does not continue unless the operator resumes it.
     assert!(go_on(&settings, &shop, &mut played).is_err());
     played.0.gaps_s.push(played.2.last().unwrap().t_s);
     shop.dirt = Box::new(|_, _| 0.0);

@@ -1,5 +1,5 @@
-//! Monte Carlo draws centres of balls. Touches drawn instead, each sphere fitted and the whole solved
-//! anew, give the same.
+//! The Monte Carlo propagation draws ball centres. Drawing touches, fitting each sphere and solving
+//! everything again gives the same results.
 
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
@@ -13,10 +13,10 @@ use estimation::monte_carlo::numerical_tolerance;
 use estimation::random::stream;
 use machine::Axis;
 
-/// Far coarser than any probe, so that a sphere fit has something to be curved about.
+/// Much larger than the scatter of any probe, so that the nonlinearity of a sphere fit becomes visible, mm.
 const NOISE_MM: f64 = 5e-3;
 
-/// All unknowns with the deviations of one trial, by centres and by touches.
+/// All unknowns with the deviations of one trial, from drawn centres and from drawn touches.
 fn both(solved: &GeometrySolution<'_>, trial: u64) -> [Vec<f64>; 2] {
     let GeometrySolution { problem, measured, minimum, .. } = solved;
     let mut normal = StandardNormal.sample_iter(stream(7, &[trial]));
@@ -66,8 +66,8 @@ fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
     assert_ne!(trials[0][0], trials[0][1]);
 }
 
-/// The weighted change of a changed centre or length is that of its residuals, sign included, but for the
-/// errors of the machine.
+/// The weighted change of a changed centre or length equals that of its residuals, including the sign, except
+/// for the errors of the machine.
 #[test]
 fn regress_weighted_changes_are_those_of_the_residuals() {
     let (plan, readings) = SOUND.measure();
@@ -83,8 +83,8 @@ fn regress_weighted_changes_are_those_of_the_residuals() {
     }
 }
 
-/// A ball that moves before its last measurement or after its first looks as one measurement that is
-/// off by itself: both are said, with the right indexations.
+/// A ball that moves before its last measurement or after its first is indistinguishable from a single wrong
+/// measurement. The warning states both possibilities, with the correct indexations.
 #[test]
 fn regress_a_ball_that_moved_at_the_end_is_named() {
     let visits = |labels: Vec<String>| -> Vec<u32> {

@@ -1,4 +1,5 @@
-//! From readings to the estimate, on the machine of paper 4 built a second way: touches, not centres.
+//! From readings to the estimate, with the independent model of the machine of paper 4: touches instead of
+//! centres.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -27,16 +28,16 @@ const REPEATABILITY_UM: f64 = 0.5;
 const TOUCHES: [(&str, f64); 5] =
     [("+45", 45.0), ("-135", -135.0), ("-45", -45.0), ("+135", 135.0), ("pole", f64::NAN)];
 
-/// What is wrong with the world, beside its thirteen errors.
+/// Errors of the simulated world besides the thirteen machine errors.
 pub struct World {
     pub seed: u64,
     pub noise_um: f64,
     pub bar_mm: f64,
     /// Standard deviation of positioning and straightness of X, Y and Z, declared as such.
     pub motion_um: f64,
-    /// Where a ball stands at a visit, off its place, mm.
+    /// Displacement of a ball from its position at a visit, mm.
     pub shift: fn(ball: usize, visit: usize, triple: Triple) -> Vector3<f64>,
-    /// Where it is measured.
+    /// Design of the measurements.
     pub design: fn() -> Vec<(Triple, usize)>,
 }
 
@@ -167,10 +168,10 @@ impl World {
     }
 }
 
-/// Nine smooth functions, each a sum of cosines of random wavelength, zero at zero.
+/// Nine smooth functions, each a sum of cosines of random wavelength, zero at position zero.
 struct Motions {
     amplitude: f64,
-    /// Of each axis, along each direction: (frequency, phase).
+    /// Frequency and phase of each wave, for each axis and direction.
     waves: Vec<Vec<(f64, f64)>>,
 }
 
@@ -179,7 +180,7 @@ impl Motions {
         const WAVES: usize = 40;
         let mut normal = StandardNormal.sample_iter(stream(seed, &[9]));
         let mut next = || -> f64 { normal.next().unwrap() };
-        // A phase of ten turns' standard deviation is as good as any.
+        // A phase with a standard deviation of ten turns is practically uniform.
         let mut wave = || (next() / WAVELENGTH_MM, next() * 60.0);
         let waves = (0..9).map(|_| (0..WAVES).map(|_| wave()).collect()).collect();
         Self { amplitude: sigma * (2.0 / WAVES as f64).sqrt(), waves }
@@ -240,8 +241,8 @@ fn regress_a_sound_run_gives_its_errors_back_within_u() {
     assert_eq!(estimate, SOUND.identify().unwrap());
 }
 
-/// Over many seeds the deviations of all unknowns together scatter as their covariance says; also where
-/// positioning and straightness of the linear axes, which no unknown describes, are declared.
+/// Over many seeds the deviations of all unknowns scatter jointly as their covariance predicts, also if
+/// positioning and straightness errors of the linear axes, which no unknown describes, are declared.
 #[test]
 fn regress_the_covariance_covers_over_seeds() {
     const FULL: u64 = 60;
@@ -284,7 +285,7 @@ fn joint_chi2(estimate: &Estimate) -> f64 {
     (off.transpose() * solved)[(0, 0)]
 }
 
-/// A ball that slips by 20 µm half-way is named, with the visits between which it did.
+/// A ball that slips by 20 µm half-way is named, with the visits between which it slipped.
 #[test]
 fn regress_a_ball_that_moved_is_named() {
     let slipped: World = World {
@@ -307,9 +308,9 @@ fn regress_a_ball_that_moved_is_named() {
     assert!(!says(&SOUND.identify().unwrap(), &["moved"]));
 }
 
-/// Where motions are declared χ² is expected to be other than the degrees of freedom: the warning tells
-/// both, and the estimate's figure is the ratio that it tells. The trials of a run that asks for no number
-/// of them are enough for their rule.
+/// If motions are declared, the expectation of χ² differs from the degrees of freedom. The warning states
+/// both, and the figure of the estimate is the ratio in the warning. If a run states no number of trials, its
+/// trials satisfy the stopping rule.
 #[test]
 fn regress_the_figures_of_a_misfit_agree() {
     let shift = |ball, visit, _| {
@@ -330,7 +331,7 @@ fn regress_the_figures_of_a_misfit_agree() {
     assert!(!says(&estimate, &["stable"]), "{:?}", estimate.warnings);
 }
 
-/// Dirt under one measurement is flagged, kept, and named; the others are not.
+/// Dirt under one measurement: it is flagged, named and kept; the others are not flagged.
 #[test]
 fn regress_a_dirty_measurement_is_flagged_and_kept() {
     let dirty = World {
@@ -346,7 +347,8 @@ fn regress_a_dirty_measurement_is_flagged_and_kept() {
     assert!(!says(&estimate, &["moved"]));
 }
 
-/// The table gives way by 8 µm as it tilts: outside the model. Said, and the uncertainties grow.
+/// The table sags by 8 µm as it tilts, which is outside the model. A warning states the misfit, and the
+/// uncertainties grow.
 #[test]
 fn regress_sag_is_no_machine_error_and_said() {
     let sagging = World {
@@ -375,7 +377,7 @@ fn regress_bars_that_are_wrong_or_missing() {
         panic!("no bar, and yet a scale")
     };
     assert!(what[0].contains("uniform scale"), "{what:?}");
-    // A machine whose scales are taken as true needs no bar; then a bar is checked by them.
+    // A machine whose scales are taken as true needs no bar; they then check the bar.
     let (plan, readings) = long.measure();
     let mut settings = settings();
     let scales = |name: &String| !["EXX1", "EYY1", "EZZ1"].contains(&name.as_str());
@@ -387,7 +389,7 @@ fn regress_bars_that_are_wrong_or_missing() {
 #[test]
 fn regress_excluded_and_missing_readings() {
     let (plan, mut readings) = SOUND.measure();
-    // Ball 6 is left with two measurements; of another only three touches are left.
+    // Ball 6 keeps two measurements; of another measurement only three touches remain.
     let of_six: Vec<usize> =
         (0..readings.len()).filter(|i| plan.steps[*i].label.contains("/6/")).collect();
     for i in of_six.iter().skip(10) {
