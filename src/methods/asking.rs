@@ -10,7 +10,7 @@ use machine::record::plan::{Plan, Stage, Step, StepKind};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
-/// Prefix of the labels of these prompts; the prompts of a method have other labels.
+/// Prefix of the labels of prompts from the machine file; the prompts of a method have other labels.
 const LABEL: &str = "ask/";
 
 /// Returns `method` with a prompt for each of `texts` before its first stage.
@@ -24,7 +24,7 @@ pub(super) struct Asking {
 }
 
 impl Asking {
-    /// Adds no prompts, but handles those that a plan already has.
+    /// Adds no prompts, but handles the prompts that a plan already has.
     pub(super) fn silent(method: Box<dyn Method>) -> Self {
         Self { method, texts: Vec::new() }
     }
@@ -115,7 +115,7 @@ impl Method for Asking {
         self.method.forecast(&without_asking(plan), machine_s)
     }
 
-    /// The steps keep their numbers, so that messages name the steps of the plan.
+    /// The steps keep their numbers, so that messages name the steps by the numbers of the plan.
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         self.method.check_priors(plan)?;
         self.method.identify(&without_asking(plan), readings)

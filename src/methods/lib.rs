@@ -42,8 +42,8 @@ use planning::PlanningError;
 /// The next stage of a run, or its end.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Next {
-    /// Run these new steps in this order; they are numbered after the last step of the plan. `stage.steps`
-    /// may also name earlier steps of the plan, to repeat them.
+    /// A new stage. The new steps are numbered after the last step of the plan and run in this order;
+    /// `stage.steps` may also name earlier steps of the plan, to repeat them.
     Stage {
         stage: Stage,
         new_steps: Vec<Step>,
@@ -164,7 +164,7 @@ pub fn latest<'r>(step: &Step, readings: &'r [Reading]) -> Result<Vec<&'r Readin
     Ok(of_step().filter(|reading| reading.repeat == last).collect())
 }
 
-/// Readings that cannot be turned into an estimate.
+/// Error for readings that cannot be turned into an estimate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IdentifyError {
     #[error("the readings lack step {step} ({label}); measure it again or give a plan without it")]
@@ -270,7 +270,7 @@ pub trait Method: Send + Sync {
         false
     }
 
-    /// Expected uncertainty of a run and what it cannot separate, one line each, for the user before the
+    /// Expected uncertainty of a run and what the run cannot separate, one line each, for the user before the
     /// first motion. All steps of `plan` have nominal positions; the plan takes `machine_s` seconds of
     /// machine time.
     ///

@@ -11,7 +11,7 @@ use crate::{Description, Method, Registered};
 
 macro_rules! registry {
     ($($method:ty,)*) => {
-        /// All methods, in the order in which they are listed.
+        /// Descriptions of all methods, in the order in which users see them.
         pub const METHODS: &[Description] = &[$(<$method>::DESCRIPTION),*];
 
         fn by_name<'de, D: Deserializer<'de>>(

@@ -80,8 +80,8 @@ impl Suspecting {
         })
     }
 
-    /// Adds the outliers that were measured again, as they were found before each round. Outliers that remain
-    /// come first.
+    /// Adds the outliers that were measured again to the estimate, as they were found before each round.
+    /// Measurements that are still outliers come first.
     fn list(&self, plan: &Plan, readings: &[Reading], estimate: &mut Estimate) {
         let mut rounds: Vec<u32> = readings.iter().map(|reading| reading.repeat).collect();
         rounds.retain(|repeat| is_again(*repeat));

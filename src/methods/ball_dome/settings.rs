@@ -26,10 +26,10 @@ pub struct Settings {
     pub standoff_mm: f64,
     pub search_mm: f64,
     /// Maximum form of one measurement of a ball (largest minus smallest residual of its sphere), µm; beyond
-    /// it the run holds.
+    /// it the run is held.
     pub form_limit_um: f64,
     /// Maximum difference from the stated diameter, including the probe's pre-travel, µm; beyond it the run
-    /// holds.
+    /// is held.
     pub diameter_limit_um: f64,
     /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,

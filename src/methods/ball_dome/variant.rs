@@ -12,7 +12,7 @@ use machine::kinematics::ErrorTerm;
 /// Machine and stylus of a variant.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Kind {
-    /// Name in the paper.
+    /// Name of the variant in the paper.
     pub name: &'static str,
     /// Whether the variant uses the machine of the prior; otherwise it uses the nominal one.
     pub is_calibrated: bool,
@@ -21,7 +21,7 @@ pub struct Kind {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StylusFrom {
-    /// The stated stylus of the machine file.
+    /// The stylus as the machine file states it.
     Stated,
     OneBall,
     AllBalls,

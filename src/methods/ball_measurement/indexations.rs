@@ -26,7 +26,7 @@ struct Grid {
     at: Vec<f64>,
 }
 
-/// Minimum change of the Z component of a direction, over one radian of an axis, that counts as a tilt.
+/// Minimum decrease of the Z component of a direction, over one radian of an axis, that counts as a tilt.
 const LEANS: f64 = 1e-6;
 
 /// Positions of one kind of axis that the settings name, degrees.

@@ -37,7 +37,7 @@ const NAMES: [(Pass, &str); 4] = [
 ];
 
 impl Label {
-    /// Number of its indexation, counted from 1.
+    /// Number of the indexation of the touch, counted from 1.
     pub fn number(&self) -> u32 {
         self.indexation.saturating_add(1)
     }

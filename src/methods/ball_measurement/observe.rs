@@ -20,10 +20,10 @@ const STANDS: f64 = 8.7e-5;
 /// Minimum number of touches for a centre and a radius.
 const LEAST_TOUCHES: usize = 4;
 
-/// One measurement of one ball.
+/// One measurement of one ball: its touches and the sphere fitted to them.
 #[derive(Debug, Clone)]
 pub struct BallCentre {
-    /// Label of one of its touches.
+    /// Label of one of the touches of the measurement.
     pub label: Label,
     /// Index of the ball in the artefact.
     pub ball: usize,
@@ -35,17 +35,17 @@ pub struct BallCentre {
     pub xyz: Vector3<f64>,
     /// Sum of the radii of ball and stylus ball, minus pre-travel, mm.
     pub radius: f64,
-    /// Form: largest minus smallest deviation of its touches from the sphere, mm.
+    /// Form: largest minus smallest deviation of the touches from the fitted sphere, mm.
     pub form: f64,
     pub touches: Vec<Touch>,
-    /// Mean time of its touches, s.
+    /// Mean time of the touches, s.
     pub t_s: f64,
 }
 
-/// Effect of one touch on its measurement.
+/// Effect of one touch on the measured ball centre.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Touch {
-    /// Axis positions, mm.
+    /// Axis positions of the touch, mm.
     pub point: Vector3<f64>,
     /// Outward normal of the ball, machine frame.
     pub normal: Vector3<f64>,

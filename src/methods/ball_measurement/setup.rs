@@ -52,9 +52,9 @@ pub struct TouchSettings {
     /// Maximum travel of a slow touch beyond the expected contact, mm.
     pub search_mm: f64,
     /// Maximum form of one measurement (largest minus smallest residual of its sphere), mm; beyond it the run
-    /// holds.
+    /// is held.
     pub form_limit_mm: f64,
-    /// Maximum difference from the stated diameter, including pre-travel, mm; beyond it the run holds.
+    /// Maximum difference from the stated diameter, including pre-travel, mm; beyond it the run is held.
     pub diameter_limit_mm: f64,
 }
 

@@ -33,7 +33,8 @@ pub fn touch_sources(plan: &Plan, observed: &Observed) -> Vec<UncertaintySource>
         UncertaintySource { is_in_weights: false, ..named("backlash", backlash(plan, centres)) },
         named("error motions of X, Y and Z", linear_axes(plan, centres)),
         named("thermal drift", drift(plan, centres)),
-        // In the weights it would weight the measurements after an interruption less than those before.
+        // If the steps entered the weights, the measurements after an interruption would have less weight
+        // than those before.
         UncertaintySource {
             is_in_weights: false,
             ..named("steps at interruptions", interruptions::steps(plan, centres))
@@ -51,7 +52,7 @@ fn each_touch(centres: &[BallCentre], u: impl Fn(Vector3<f64>) -> f64) -> Effect
     nonzero_runs(centres.iter().enumerate().flat_map(of_centre))
 }
 
-/// The probe turns with the spindle.
+/// Azimuths are computed in the spindle frame, because the probe turns with the spindle.
 fn lobing(plan: &Plan, observed: &Observed) -> Effect {
     let sense = plan.machine.axes.get(&Axis::S).map_or(1.0, |spec| spec.positive.sign());
     let normals = observed.centres.iter().flat_map(|centre| {

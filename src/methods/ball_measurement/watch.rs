@@ -21,7 +21,7 @@ const PATIENCE: f64 = 6.0;
 struct Creep {
     axis: char,
     mm_per_s: f64,
-    /// Expanded uncertainty of the rate, mm/s, from the scatter of the rounds about the line.
+    /// Expanded uncertainty of the creep rate, mm/s, from the scatter of the rounds about the line.
     expanded: f64,
 }
 

@@ -20,7 +20,7 @@ pub enum CrossCheck {
 pub struct CoefficientDifference {
     pub symbol: String,
     pub unit: Unit,
-    /// Difference in the internal unit.
+    /// Difference of the coefficient, in its internal unit.
     pub by: f64,
     pub expanded: f64,
 }

@@ -52,7 +52,8 @@ fn linear_axes(solved: &Solved<'_>, residuals: &[Vector3<f64>]) -> Vec<Function>
     let of_axis = |(k, axis): (usize, Axis)| {
         let angles = (0..revolutions).flat_map(|_| equal_angles(positions));
         let of_place = |(i, (angle, (sum, count))): (usize, (f64, &(Vector3<f64>, f64)))| {
-            // If the true position of a linear axis is too large, its displayed position is too small.
+            // If the true position of a linear axis is too large, its displayed position at a ball is too
+            // small.
             (*count > 0.0).then(|| (angle, x[layout.place(i % positions, k)] - sum[k] / count))
         };
         let points = angles.zip(&sums).enumerate().filter_map(of_place);

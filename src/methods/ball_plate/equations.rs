@@ -18,7 +18,7 @@ pub struct Sighting {
     pub place: usize,
     /// Time from the middle of the run, divided by half its duration: −1 to 1.
     pub time: f64,
-    /// Number of interruptions before it.
+    /// Number of interruptions of the run before the measurement.
     pub segment: usize,
     /// Axis positions X, Y, Z at which the stylus ball coincides with the ball, minus those of the nominal
     /// machine for the expected position of the ball, mm.
@@ -55,7 +55,8 @@ pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[Sighting]) -> Mat<f6
             for interruption in 0..sighting.segment.min(layout.interruptions) {
                 set(layout.step(interruption, axis), along);
             }
-            // If the true position of a linear axis is too large, its displayed position is too small.
+            // If the true position of a linear axis is too large, its displayed position at a ball is too
+            // small.
             set(layout.place(sighting.place, axis), -along);
             set(layout.ball(sighting.ball, axis), sighting.by_ball.column(axis).into_owned());
         }

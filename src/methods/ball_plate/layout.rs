@@ -53,12 +53,12 @@ impl Layout {
         COMPONENTS.len() * self.basis.len() + reversal
     }
 
-    /// Index of a drift coefficient; `order` starts at 1.
+    /// Index of the unknown for a drift coefficient; `order` starts at 1.
     pub fn drift(&self, order: usize, axis: usize) -> usize {
         self.first_drift() + 3 * (order - 1) + axis
     }
 
-    /// Index of the table's step at an interruption, which counts from 0.
+    /// Index of the unknown for the table's step at an interruption; interruptions are counted from 0.
     pub fn step(&self, interruption: usize, axis: usize) -> usize {
         self.first_drift() + 3 * (self.drift_order + interruption) + axis
     }

@@ -163,7 +163,7 @@ fn curve(
 }
 
 /// Deviation of each ball from its position in the first measurement with the nominal machine: radial,
-/// tangential, axial.
+/// tangential, axial components.
 fn plate_curves(solved: &Solved<'_>) -> impl Iterator<Item = Curve> {
     let (layout, plate, x) = (&solved.design.layout, solved.plate, &solved.solution.x);
     let directions: [(&str, DirectionAtBall); 3] = [

@@ -23,7 +23,7 @@ pub struct Settings {
     /// Whether each error motion has a separate value at each stop instead of harmonics. Drift and reversal
     /// are then not fitted: they are part of the values, and drift is included in their U.
     pub values: bool,
-    /// Order of the polynomial in time that is fitted to the drift of X, Y and Z; 0: none is fitted.
+    /// Order of the polynomial in time that models the drift of X, Y and Z; 0: drift is not fitted.
     pub drift_order: usize,
     /// Whether the run may take more than four hours.
     pub long: bool,
@@ -34,10 +34,10 @@ pub struct Settings {
     /// Clearance before the expected contact of a slow touch, mm, and maximum travel beyond it, mm.
     pub standoff_mm: f64,
     pub search_mm: f64,
-    /// Maximum form of one measurement of a ball, µm; beyond it the run holds.
+    /// Maximum form of one measurement of a ball, µm; beyond it the run is held.
     pub form_limit_um: f64,
     /// Maximum difference from the stated diameter, including the probe's pre-travel, µm; beyond it the run
-    /// holds.
+    /// is held.
     pub diameter_limit_um: f64,
     /// Number of Monte Carlo trials; 0 selects the adaptive rule of JCGM 101, 7.9.
     pub monte_carlo_trials: usize,

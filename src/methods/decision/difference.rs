@@ -26,7 +26,7 @@ const SAME_IN_EVERY_RUN: [(&str, Owner); 7] = [
     ("certified length", ARTEFACT),
 ];
 
-/// Difference of one parameter, second result minus first.
+/// Difference of one parameter between two estimates, second minus first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Difference {
     pub symbol: String,
@@ -45,7 +45,7 @@ pub struct Difference {
     pub significant: bool,
 }
 
-/// |by|/expanded; 0 where both are 0.
+/// Returns |by|/expanded, or 0 if both are 0.
 pub(super) fn normalized_error(by: f64, expanded: f64) -> f64 {
     if by == 0.0 { 0.0 } else { by.abs() / expanded }
 }
@@ -83,7 +83,7 @@ pub fn differences(first: &Estimate, second: &Estimate, common: &[String]) -> Ve
     known.filter_map(|(one, other)| difference(one, other, common)).collect()
 }
 
-/// `None`: a number is missing.
+/// Difference of one parameter. `None`: a number is missing.
 fn difference(one: &Parameter, other: &Parameter, common: &[String]) -> Option<Difference> {
     let independent = one.u.powi(2) + other.u.powi(2);
     let shared = |source: &String| component(one, source) * component(other, source);

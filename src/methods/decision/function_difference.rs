@@ -5,7 +5,7 @@ use serde::Serialize;
 use super::difference::normalized_error;
 use machine::record::estimate::{Estimate, FigureKind, Function, Unit};
 
-/// Difference of one function, second result minus first.
+/// Difference of one function between two estimates, second minus first.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct FunctionDifference {
     pub symbol: String,
@@ -77,7 +77,7 @@ fn is_comparable(one: &Function, other: &Function) -> bool {
         && is_stated(other)
 }
 
-/// Whether its points are those of a curve.
+/// Whether the points of the function are those of a curve.
 fn is_continuous(function: &Function) -> bool {
     matches!(function.figure, FigureKind::Curve | FigureKind::Polar)
 }
@@ -116,13 +116,13 @@ impl Points {
         Some(Point { x, y: between(before.y, after.y), u: between(before.u, after.u) })
     }
 
-    /// Value at an argument that is one of the points.
+    /// Value of the function at `x`, if `x` is the argument of one of its points.
     fn exactly_at(&self, x: f64) -> Option<Point> {
         self.at(x).filter(|_| self.0.iter().any(|point| point.x == x))
     }
 }
 
-/// `None`: the functions have no common argument.
+/// Difference of one function. `None`: the functions have no common argument.
 fn difference(one: &Function, other: &Function, k: f64) -> Option<FunctionDifference> {
     let is_continuous = is_continuous(one);
     let points = [one, other].map(Points::of);

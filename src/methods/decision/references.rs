@@ -225,14 +225,14 @@ mod tests {
         alarms.map(|count| f64::from(count) / f64::from(stops))
     }
 
-    /// By simulation: the false alarm rate of 1.1 % of stops does not grow with the number of places, and a
+    /// Simulated stops: the false alarm rate of 1.1 % of stops does not grow with the number of places, and a
     /// relevant shift is detected.
     #[test]
     fn false_alarms_are_as_rare_as_promised_however_many_places_are_compared() {
         for places in [1, 4, 26] {
             let [declared, pooled] = refused(places, 0.0, 20_000);
             println!("{places} places: {declared} of stops, {pooled} with pooled scatter");
-            // Tolerance: four standard deviations of the count.
+            // Tolerance of the comparison: four standard deviations of the count.
             assert!((declared - (1.0 - ALL_INSIDE)).abs() < 0.003, "{places}: {declared}");
             // With pooled scatter, a shift between the rounds also increases the scatter.
             assert!((0.002..0.0138).contains(&pooled), "{places}: {pooled}");

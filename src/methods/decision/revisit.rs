@@ -136,8 +136,8 @@ impl<'a> References<'a> {
         self.plan.probe.repeatability_um.filter(|_| touched).map(|um| um * 1e-3)
     }
 
-    /// Compares the first reading of each place after the stop (from `readings`) with its last one before,
-    /// and returns the shifts and the scatter that the limits follow from.
+    /// Compares the first reading of each place after the stop (from `readings`) with the last reading before
+    /// the stop. Returns the shifts, and the scatter that the limits follow from.
     pub fn compare(&self, readings: &[Reading]) -> (Vec<Shift>, Scatter) {
         let again = visits(self.plan, readings);
         let after = |place: &Place<'_>| -> Vec<f64> {
@@ -308,8 +308,8 @@ mod tests {
         assert_eq!(references.unseen(&[]).len(), 3);
     }
 
-    /// The samples of one point may end later than those of the next one. They still count as readings before
-    /// the stop.
+    /// The samples of one point may end later than those of the next point. They still count as readings
+    /// before the stop.
     #[test]
     fn readings_a_little_out_of_order_hide_no_references() {
         let (plan, seen) = (plan(), [Flag::None; 3]);

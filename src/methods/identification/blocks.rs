@@ -1,5 +1,5 @@
-//! Least squares of independent blocks of unknowns, such as the harmonics of periodic functions. Each block
-//! is solved in the directions that its rows determine.
+//! Least squares of independent blocks of unknowns, such as the harmonics of periodic functions. In each
+//! block only the directions that the rows determine are solved.
 
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD, Survey, lower_root};
 use estimation::null_names::name_null_space;
@@ -27,8 +27,8 @@ pub struct BlockEquations {
     pub groups: Vec<usize>,
 }
 
-/// The solution of one block. Before the fit the observations of each group are reduced to the components
-/// that the unknowns can explain. The rest of the residuals is an effect of no unknown.
+/// Solution of one block of unknowns. Before the fit the observations of each group are reduced to the
+/// components that the unknowns can explain. The rest of the residuals is an effect of no unknown.
 pub struct BlockFit {
     /// Reduction matrix, reduced observations (of standard uncertainty 1) × observations, 1/mm.
     pub reduction: Mat<f64>,

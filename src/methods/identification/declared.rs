@@ -24,7 +24,7 @@ const UNDECLARED_REPEATABILITY_MM: f64 = 1e-3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RotaryMotion {
     pub error: ErrorParameter,
-    /// Standard deviation of its amplitude, mm.
+    /// Standard deviation of the amplitude of the error motion, mm.
     pub size_mm: f64,
 }
 

@@ -12,7 +12,7 @@ use super::range::Range;
 /// Cosine and sine part of one harmonic.
 #[derive(Debug, Clone)]
 pub struct Harmonic {
-    /// Periods per revolution; below 1 for a sub-harmonic.
+    /// Order of the harmonic: periods per revolution; below 1 for a sub-harmonic.
     pub order: f64,
     /// Derivatives of the cosine and of the sine part by each unknown, internal units.
     pub parts: [Vec<f64>; 2],

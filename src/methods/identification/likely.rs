@@ -17,7 +17,7 @@ const FACTORS: std::ops::RangeInclusive<i32> = 1..=20;
 #[derive(Debug, Clone)]
 pub struct LikelySource {
     pub name: String,
-    /// Maximum-likelihood factor on its declared size.
+    /// Factor on the declared size of the source with the largest likelihood.
     pub factor: f64,
     gain: f64,
 }

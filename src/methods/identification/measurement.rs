@@ -10,9 +10,10 @@ pub struct Measurement {
     /// Label in the plan.
     pub label: String,
     pub in_words: String,
-    /// Indices of its rows in the weighted residuals.
+    /// Indices of the measurement's rows in the weighted residuals.
     pub rows: Range<usize>,
-    /// Residual, mm: outward along a touch; for a point, its length.
+    /// Residual of the measurement, mm: outward along a touch; for a point, the length of its residual
+    /// vector.
     pub residual_mm: f64,
     /// Standard uncertainty from the sources in the weights, mm.
     pub u_mm: f64,

@@ -15,7 +15,7 @@ pub struct FitFigures {
     pub unknowns: usize,
     /// Condition number σmax/σmin of the column-scaled design.
     pub condition: f64,
-    /// Degrees of freedom: rows minus rank.
+    /// Degrees of freedom of the fit: rows minus rank.
     pub dof: usize,
     pub residual_rms_mm: f64,
 }
@@ -46,7 +46,7 @@ impl FitFigures {
     }
 }
 
-/// Root mean square.
+/// Root mean square of the values.
 pub fn rms(values: &[f64]) -> f64 {
     let squares: f64 = values.iter().map(|value| value * value).sum();
     (squares / values.len().max(1) as f64).sqrt()

@@ -96,7 +96,7 @@ impl Check<'_> {
         list
     }
 
-    /// Limit of its studentised residual. `None`: no other measurement checks it.
+    /// Limit of the measurement's studentised residual. `None`: no other measurement checks it.
     fn limit(&self, measurement: &Measurement) -> Option<f64> {
         let all = self.solution.measurements.len();
         self.residuals.limit(measurement.rows.clone(), FALSE_ALARM / all as f64)
@@ -124,14 +124,15 @@ impl Check<'_> {
         Deviation { label: measurement.label.clone(), deviation_um }
     }
 
-    /// Fraction of its deviation that remains in its residual.
+    /// Fraction of the measurement's deviation that remains in its residual.
     fn remainder(&self, measurement: &Measurement) -> f64 {
         let rows = measurement.rows.clone();
         let sum: f64 = rows.filter_map(|row| self.leverage.get(row)).sum();
         1.0 - sum / measurement.rows.len() as f64
     }
 
-    /// Smallest detectable deviation, in the direction in which the residuals show it least.
+    /// Smallest detectable deviation of the measurement, in the direction in which the residuals show a
+    /// deviation least.
     fn smallest_found(&self, measurement: &Measurement) -> SmallestFound {
         let rows = measurement.rows.clone();
         let least = rows.map(|row| self.residuals.variances[row]).fold(0.0, f64::max).sqrt();

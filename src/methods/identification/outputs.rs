@@ -8,7 +8,7 @@ use machine::record::estimate::{FigureKind, Unit};
 #[derive(Debug, Clone)]
 pub struct Output {
     pub symbol: String,
-    /// Unit in which the estimate reports it.
+    /// Unit in which the estimate reports the parameter.
     pub unit: Unit,
     /// Value at the solution, internal unit.
     pub value: f64,
@@ -29,7 +29,7 @@ impl Output {
     }
 }
 
-/// Derivative of the unknown `index` by each of the `unknowns`.
+/// Derivative of the unknown `index` by each of the `unknowns`: a unit vector.
 pub fn unit_slope(index: usize, unknowns: usize) -> Vec<f64> {
     (0..unknowns).map(|j| f64::from(u8::from(j == index))).collect()
 }

@@ -8,7 +8,7 @@ use super::outputs::{NonlinearOutputs, Output};
 
 pub struct Range {
     pub symbol: String,
-    /// Unit in which the estimate reports it.
+    /// Unit in which the estimate reports the range.
     pub unit: Unit,
     /// Points × unknowns: derivative of each point by each unknown, internal units.
     pub slopes: Vec<Vec<f64>>,

@@ -24,9 +24,9 @@ pub enum InResiduals {
 /// Neighbouring observations that one draw changes together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObservationRun {
-    /// Index of the first observation.
+    /// Index of the first changed observation.
     pub first: usize,
-    /// Changes, mm, one entry per observation.
+    /// Changes of the observations, mm, one entry per observation.
     pub values: Vec<f64>,
 }
 
@@ -50,7 +50,7 @@ pub struct UncertaintySource {
     pub evaluation: EvaluationType,
     /// Distribution of each draw.
     pub shape: Shape,
-    /// Degrees of freedom of its size; infinite for a declared size.
+    /// Degrees of freedom of the source's size; infinite for a declared size.
     pub dof: f64,
     pub in_residuals: InResiduals,
     /// Whether the source enters the weights of the observations.
@@ -129,7 +129,7 @@ impl UncertaintySource {
         change
     }
 
-    /// Whether its effects fit the given numbers of observations and unknowns.
+    /// Whether the effects of the source fit the given numbers of observations and unknowns.
     pub fn fits(&self, observations: usize, unknowns: usize) -> bool {
         let has_place = |draw| {
             let (first, values) = self.run(draw);
@@ -141,7 +141,7 @@ impl UncertaintySource {
             && rows.iter().all(|row| row.len() == unknowns)
     }
 
-    /// Factor on its declared size, from the residuals.
+    /// Factor on the declared size of the source, from the residuals.
     pub fn factor(&self, misfit: &Misfit) -> f64 {
         if self.in_residuals == InResiduals::Judged { misfit.factor } else { 1.0 }
     }
@@ -169,7 +169,7 @@ pub fn prior_covariance(prior: &Estimate, symbols: &[&str]) -> Option<Mat<f64>> 
     Some(covariance)
 }
 
-/// Σ of the columns times their coefficients.
+/// Sum of the columns, each multiplied by its coefficient.
 fn combined(columns: &[Vec<f64>], coefficients: &[f64]) -> Vec<f64> {
     let mut sum = vec![0.0; columns.first().map_or(0, Vec::len)];
     for (column, coefficient) in columns.iter().zip(coefficients) {

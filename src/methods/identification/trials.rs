@@ -22,7 +22,7 @@ struct DrawnSource<'a> {
     source: &'a UncertaintySource,
     /// Factor from the misfit.
     scale: f64,
-    /// Index of its first draw among those of all sources.
+    /// Index of the source's first draw among the draws of all sources.
     first: usize,
     /// Draws × observations, for joint draws.
     joint: Mat<f64>,

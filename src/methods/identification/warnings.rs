@@ -5,7 +5,7 @@ use estimation::misfit::Misfit;
 use super::Identification;
 use super::likely::LikelySource;
 
-/// Method-specific parts of the sentence about its misfit.
+/// Method-specific parts of the sentence about a misfit.
 pub struct MisfitAdvice {
     /// Quantities that may scatter more than declared.
     pub causes: &'static str,

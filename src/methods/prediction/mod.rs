@@ -241,7 +241,7 @@ fn less(columns: &[Vector3<f64>], zero: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     columns.iter().zip(zero).map(|(column, zero)| column - zero).collect()
 }
 
-/// √(J·C·Jᵀ) of each coordinate.
+/// Standard uncertainty of each coordinate: √(J·C·Jᵀ).
 fn uncertainty(columns: &[Vector3<f64>], covariance: &Mat<f64>) -> Vector3<f64> {
     let mut variance = Vector3::zeros();
     for (i, one) in columns.iter().enumerate() {

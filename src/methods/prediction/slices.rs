@@ -17,7 +17,8 @@ pub struct Slice {
     pub others: Position,
     /// Length of the error of the tip, row by row upwards, mm.
     pub error_mm: Vec<Vec<f64>>,
-    /// Its standard uncertainty, √(u_x² + u_y² + u_z²), mm. It remains after a correction of all errors.
+    /// Standard uncertainty of the tip error, √(u_x² + u_y² + u_z²), mm. It remains after a correction of all
+    /// errors.
     pub u_mm: Vec<Vec<f64>>,
 }
 

@@ -75,8 +75,8 @@ fn the_work_zero_is_set_anew_without_tool_centre_control() {
     let predictor = Predictor::new(&machine, &estimate, WorkZero::EachTime).unwrap();
     for (xyz, triple) in POSES {
         let off = |xyz: Vector3<f64>| truth.tip(xyz, triple) - nominal.tip(xyz, triple);
-        // The nominal tip position is linear in X, Y and Z, so that they can be solved to bring it to the
-        // origin.
+        // The nominal tip position is linear in X, Y and Z: a linear system gives the X, Y and Z with the tip
+        // at the origin.
         let at_zero = nominal.tip(Vector3::zeros(), triple);
         let axis = |k: usize| nominal.tip(Vector3::ith(k, 1.0), triple) - at_zero;
         let columns = Matrix3::from_columns(&[axis(0), axis(1), axis(2)]);
@@ -245,7 +245,7 @@ fn touches_are_points_of_the_workpiece() {
     assert!(off > 0.02 && off < 0.3 && nominal.u_mm == calibrated.u_mm, "{off}");
     let offset = estimate.covariance.symbols.iter().position(|own| own == "EX0C").unwrap();
     estimate.covariance.rows[offset][offset] = 4.0;
-    // 2 µm along X of the table at C = 114.6°.
+    // Uncertainty of 2 µm along X of the table at C = 114.6°.
     let u = point(&plan, Some(&estimate)).u_mm * 1e3;
     let expected = Vector3::new(2.0 * triple[1].cos(), 2.0 * triple[1].sin(), 0.0);
     assert!((u - expected.map(|part: f64| part.hypot(0.5))).norm() < 0.01, "{u} {expected}");
@@ -316,7 +316,7 @@ fn the_volume_has_a_largest_and_a_mean_error() {
         assert!((value - expected).abs() < within, "{value} {expected}");
     };
     near(zeroed.largest_mm, 0.210, 1e-9);
-    // Its u is twice 2 µm, within the accuracy of the number of draws.
+    // The u of the largest error is twice 2 µm, within the accuracy of the number of draws.
     near(zeroed.u_largest_mm, 4e-3, 0.6e-3);
     let mean = (0..12).map(|k| 0.21 * (f64::from(k) * 15.0).to_radians().sin()).sum::<f64>() / 12.0;
     near(zeroed.mean_mm, mean, 1e-9);

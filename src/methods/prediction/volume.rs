@@ -162,7 +162,7 @@ fn covering(values: impl Iterator<Item = f64>) -> f64 {
     sorted[(COVERAGE_PROBABILITY * (sorted.len() - 1) as f64).ceil() as usize]
 }
 
-/// Standard deviation.
+/// Standard deviation of the values.
 fn deviation(values: impl ExactSizeIterator<Item = f64> + Clone) -> f64 {
     let count = values.len() as f64;
     let mean = values.clone().sum::<f64>() / count;

@@ -106,7 +106,7 @@ impl Problem {
         &self.model
     }
 
-    /// The same measurements with other unknown errors.
+    /// The same measurements with other unknown machine errors.
     #[cfg(test)]
     pub fn with_model(self, model: Model) -> Self {
         Self::new(model, self.places, self.seen, self.bars, self.ball_at.len(), self.stylus)

@@ -26,11 +26,11 @@ pub struct Model {
 /// derivative by the ball is −I.
 #[derive(Debug, Clone)]
 pub struct Rows {
-    /// Misclosure, mm.
+    /// Misclosure: calculated position of the ball minus its position `ball`, table frame, mm.
     pub misclosure: Vector3<f64>,
     /// ∂/∂parameter, in the order of the parameters: mm per mm, per rad or per mm/mm.
     pub machine: Vec<Vector3<f64>>,
-    /// ∂/∂tool.
+    /// ∂/∂tool: derivative of the tip on the table by the stylus vector.
     pub tool: Matrix3<f64>,
 }
 
@@ -93,7 +93,7 @@ impl Model {
         }
     }
 
-    /// ∂/∂tool: R_wᵀ·R_t.
+    /// Derivative of the tip by the stylus vector: R_wᵀ·R_t.
     fn tool_columns(&self, position: &Position, terms: &[ErrorTerm]) -> Matrix3<f64> {
         let table = self.chain.machine_from_table(position, terms).rotation;
         let spindle = self.chain.machine_from_spindle(position, terms).rotation;
@@ -146,12 +146,12 @@ pub struct Indexed {
 }
 
 impl Indexed {
-    /// The tip on the table with the linear axes at `xyz`.
+    /// Position of the tip in the table frame with the linear axes at `xyz`, mm.
     pub fn tip(&self, xyz: Vector3<f64>) -> Vector3<f64> {
         self.tip.at(xyz)
     }
 
-    /// ∂p_w/∂parameter of the parameter `index`.
+    /// Derivative ∂p_w/∂parameter of the tip for the parameter `index`.
     pub fn machine(&self, index: usize, xyz: Vector3<f64>) -> Vector3<f64> {
         self.machine[index].at(xyz)
     }
@@ -171,12 +171,12 @@ impl Affine {
         Self { origin, linear: Matrix3::from_columns(&[x, y, z]) }
     }
 
-    /// ∂/∂(X, Y, Z).
+    /// Derivative of the point by X, Y, Z: ∂/∂(X, Y, Z).
     pub fn linear(&self) -> Matrix3<f64> {
         self.linear
     }
 
-    /// ∂(X, Y, Z)/∂; NaN if X, Y, Z are linearly dependent.
+    /// Inverse derivative ∂(X, Y, Z)/∂point; NaN if X, Y, Z are linearly dependent.
     pub fn inverse(&self) -> Matrix3<f64> {
         self.linear.try_inverse().unwrap_or(Matrix3::repeat(f64::NAN))
     }
@@ -192,13 +192,14 @@ pub fn length_mm(length: &Length) -> f64 {
     length.mm * (1.0 + length.expansion_um_per_m_k * 1e-6 * above)
 }
 
-/// Its standard uncertainty, mm, with a lower bound so that its row does not dominate the others numerically.
+/// Standard uncertainty of the certified length, mm, with a lower bound so that its row does not dominate the
+/// others numerically.
 pub fn length_u_mm(length: &Length) -> f64 {
     let [certificate, temperature] = length_u_parts_mm(length);
     certificate.hypot(temperature).max(1e-6)
 }
 
-/// Its standard uncertainties from the certificate and from the temperature, mm.
+/// Standard uncertainties of the certified length from the certificate and from the temperature, mm.
 pub fn length_u_parts_mm(length: &Length) -> [f64; 2] {
     [length.u_mm, (length.mm * length.expansion_um_per_m_k * 1e-6 * length.u_temperature_k).abs()]
 }

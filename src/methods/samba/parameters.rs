@@ -115,7 +115,7 @@ mod tests {
         assert_eq!(found, expected, "{topology}");
     }
 
-    /// Paper 4, table 2.
+    /// The topology of paper 4 implies the thirteen errors of its table 2.
     #[test]
     fn paper_4_thirteen_errors_are_implied() {
         let thirteen = [

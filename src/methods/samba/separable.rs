@@ -30,7 +30,7 @@ const TOOL: Vector3<f64> = Vector3::new(0.0, 0.0, -150.0);
 const INDEPENDENT: f64 = 1e-6;
 /// Minimum coefficient of a named member of a linear combination, mm/mm.
 const COUNTS: f64 = 1e-2;
-/// Tolerance within which a coefficient counts as one; the difference comes from the slant of a bar.
+/// Tolerance within which a coefficient counts as one. A deviation within it comes from the slant of a bar.
 const WHOLE: f64 = 0.05;
 
 /// Distance of two balls with a certified length from their midpoint, mm.

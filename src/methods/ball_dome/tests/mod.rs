@@ -1,4 +1,4 @@
-//! The dome of paper 4 on its machine.
+//! Tests with the dome of paper 4 on the machine of paper 4.
 
 mod g4;
 
@@ -19,7 +19,7 @@ fn plan() -> Plan {
     built_in::plan_of(include_str!("../../../../config/ball-dome.toml"), super::NAME)
 }
 
-/// Certified positions: paper 4, table 3.
+/// Certified ball positions of the dome: paper 4, table 3, mm.
 fn certified() -> Vec<Vector3<f64>> {
     let rows = table(include_str!("../../../../tests/data/paper4-table3.csv"));
     let number = |text: &str| text.parse::<f64>().unwrap();

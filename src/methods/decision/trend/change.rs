@@ -145,7 +145,7 @@ fn largest(points: &[Point]) -> Option<Change> {
     (chance <= CHANCE).then(|| change(&all, best, &values, chance))
 }
 
-/// Σ(value − mean)².
+/// Sum of squares: Σ(value − mean)².
 fn squares(values: &[f64]) -> f64 {
     let mean = values.iter().sum::<f64>() / values.len() as f64;
     values.iter().map(|value| (value - mean).powi(2)).sum()

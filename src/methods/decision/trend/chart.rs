@@ -24,7 +24,7 @@ pub struct Individuals {
 }
 
 impl Individuals {
-    /// `None`: fewer than two values.
+    /// Individuals chart of the values. `None`: fewer than two values.
     pub fn of(values: &[f64]) -> Option<Self> {
         let ranges = values.windows(2).map(|pair| (pair[1] - pair[0]).abs());
         let count = values.len().checked_sub(1).filter(|count| *count > 0)? as f64;
@@ -46,9 +46,9 @@ impl Individuals {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ewma {
     pub centre: f64,
-    /// One mean for each value.
+    /// Moving average at each value.
     pub means: Vec<f64>,
-    /// Half width of the limits of each mean.
+    /// Half width of the control limits at each value.
     pub widths: Vec<f64>,
 }
 

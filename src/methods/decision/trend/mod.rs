@@ -29,8 +29,8 @@ pub struct Trend {
     pub points: Vec<Point>,
     /// Changes, oldest first, with increasing times.
     pub changes: Vec<Change>,
-    /// Limits from the values since the last step, without the newest value, which they judge. `None`: fewer
-    /// than [`FEWEST`] such values.
+    /// Control limits from the values since the last step. The newest value is excluded, because the limits
+    /// judge it. `None`: fewer than [`FEWEST`] such values.
     pub individuals: Option<Individuals>,
     /// EWMA of the same values and the newest one.
     pub ewma: Option<Ewma>,

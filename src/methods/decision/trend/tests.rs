@@ -3,7 +3,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::*;
 use estimation::random::stream;
 
-/// NIST/SEMATECH e-Handbook, 6.3.2.2: flow rate of ten batches.
+/// Flow rate of ten batches, the example of NIST/SEMATECH e-Handbook, 6.3.2.2.
 const FLOW: [f64; 10] = [49.6, 47.6, 49.9, 51.3, 47.8, 51.2, 52.6, 52.4, 53.6, 52.1];
 
 #[test]
@@ -14,7 +14,7 @@ fn paper_nist_individuals_chart() {
     assert!((upper - 55.8041).abs() < 5e-5 && (lower - 45.8159).abs() < 5e-5, "{lower} {upper}");
 }
 
-/// NIST/SEMATECH e-Handbook, 6.3.2.4, with its centre of 50, s = 2.0539 and λ = 0.3.
+/// Example of NIST/SEMATECH e-Handbook, 6.3.2.4, with its centre of 50, s = 2.0539 and λ = 0.3.
 #[test]
 fn paper_nist_ewma_chart() {
     let first = [52.0, 47.0, 53.0, 49.3, 50.1, 47.0, 51.0, 50.1, 51.2, 50.5];
@@ -41,7 +41,7 @@ fn name(t_s: f64) -> String {
     format!("day {:.0}", t_s / 86_400.0)
 }
 
-/// One run per day, scatter of 1.
+/// A series of one run per day with a scatter of 1.
 fn series(seed: u64, days: usize, truth: impl Fn(f64) -> f64) -> Vec<Point> {
     let mut rng = stream(seed, &[7]);
     let mut draw = || -> f64 { StandardNormal.sample(&mut rng) };
@@ -55,7 +55,8 @@ fn nothing_is_told_of_a_machine_that_stays() {
             !Trend::of(series(*seed, 6 + *seed as usize % 60, |_| 3.0)).changes.is_empty()
         })
         .count();
-    // 1 in 1000: 2 of 2000 on average; 8 or more with a probability of 0.1 %.
+    // False alarms have a probability of 1 in 1000: 2 of 2000 on average; 8 or more with a probability of 0.1
+    // %.
     assert!(false_alarms < 8, "{false_alarms}");
     // No change is reported for identical values either, even if their mean is rounded.
     for value in [1.5, 49.504_871_3, -13.8, 0.0] {
@@ -168,8 +169,8 @@ fn what_was_not_measured_since_then_is_said_to_be_so() {
     assert!(drifts.starts_with(words) && !drifts.contains("stayed"), "{drifts}");
 }
 
-/// Thirteen runs; the newest has the clock at 1970 and is 400 µm off. It remains the newest, it lies outside,
-/// and the limits are those of the twelve runs before it.
+/// Thirteen runs; the newest has a clock time of 1970 and a value that is 400 µm off. It remains the newest
+/// run, its value lies outside the limits, and the limits are those of the twelve runs before it.
 #[test]
 fn a_clock_set_back_hides_no_value() {
     let mut points = series(5, 12, |day| 3.0 + 0.0 * day);

@@ -1,4 +1,4 @@
-//! Estimates from identifications.
+//! Tests of the estimates that identifications produce.
 
 use std::f64::consts::PI;
 
@@ -123,7 +123,7 @@ fn regress_trials_contradict_a_wrong_slope() {
     assert_eq!(identified.contradicted(), ["x"]);
 }
 
-/// GUM table G.2: k = 2.65 for 5 degrees of freedom.
+/// Test with GUM table G.2: k = 2.65 for 5 degrees of freedom.
 #[test]
 fn paper_gum_reported_parameter() {
     let parameter = reported_parameter("T_scan", Unit::Ms, 2e-3, 1e-4, Some(5.0));
@@ -132,7 +132,7 @@ fn paper_gum_reported_parameter() {
     assert_eq!(reported_parameter("a", Unit::Mm, 0.0, 1.0, None).k, 2.0);
 }
 
-/// x² + y and x·y at (3, 5).
+/// Derivatives of the functions x² + y and x·y at (3, 5).
 #[test]
 fn regress_central_differences_of_polynomials() {
     let function = |x: &[f64]| Some(vec![x[0] * x[0] + x[1], x[0] * x[1]]);

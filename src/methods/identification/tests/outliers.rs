@@ -1,4 +1,4 @@
-//! Detection of outliers.
+//! Tests of the outlier detection.
 
 use super::{Mean, assert_near};
 use crate::identification::outliers::{RowResiduals, are_alike};

@@ -1,4 +1,4 @@
-//! First-order propagation.
+//! Tests of the first-order propagation.
 
 use estimation::nonlinear::{Minimum, minimise};
 use estimation::schur::Rows;
@@ -133,7 +133,7 @@ impl ObservationEquation for Growth {
     }
 }
 
-/// Exact readings of x = 0.3.
+/// Exact readings of the model for x = 0.3.
 pub fn growth() -> Growth {
     Growth { readings: TIMES.map(|t| (0.3 * t).exp()).to_vec() }
 }

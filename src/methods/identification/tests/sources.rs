@@ -1,4 +1,4 @@
-//! Sources, weights and priors.
+//! Tests of sources, weights and priors.
 
 use machine::record::estimate::Unit;
 use nalgebra::Matrix2;

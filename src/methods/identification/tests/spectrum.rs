@@ -24,9 +24,10 @@ fn regress_amplitudes_by_hand() {
         symbol: "EXC".to_owned(),
         unit: Unit::Um,
         harmonics: vec![
-            // Independent parts: amplitude 5 µm; its u is at most the u of the sine part.
+            // Cosine and sine part are independent: amplitude 5 µm; the u of the amplitude is at most that of
+            // the sine part.
             harmonic(2.0, &first, &second),
-            // Equal parts: u is 1 µm along both, √2 µm along 45°.
+            // Cosine and sine part are equal: u is 1 µm along both, √2 µm along 45°.
             harmonic(5.0, &first, &first),
             harmonic(0.5, &[0.0; 2], &first),
         ],

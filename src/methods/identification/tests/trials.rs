@@ -1,4 +1,4 @@
-//! Monte Carlo propagation.
+//! Tests of the Monte Carlo propagation.
 
 use estimation::misfit::Misfit;
 use estimation::monte_carlo::{Summary, Trials};

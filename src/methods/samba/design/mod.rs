@@ -27,7 +27,7 @@ use planning::Access;
 /// mm.
 const CENTRAL_MM: f64 = 0.1;
 
-/// Possible measurements.
+/// All measurements that are possible: rotary positions, and the balls accessible at each.
 pub struct Candidates {
     pub at: Vec<Position>,
     pub sights: Vec<Sight>,

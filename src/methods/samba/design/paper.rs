@@ -19,7 +19,7 @@ const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
 const TRIPLES: usize = 32;
 const BALLS: usize = 109;
 
-/// Indices into [`TILTS_DEG`], and into [`QUARTERS_DEG`] for C and S, in measuring order.
+/// Triples as indices into [`TILTS_DEG`] (B) and [`QUARTERS_DEG`] (C and S), in measuring order.
 fn triples() -> Vec<[usize; 3]> {
     let mut triples = Vec::new();
     for (tilt, tilt_deg) in TILTS_DEG.into_iter().enumerate() {

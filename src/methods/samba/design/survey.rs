@@ -1,4 +1,4 @@
-//! Rank and condition of a design, before anything moves.
+//! Check of rank and condition of a design, before the first motion.
 
 use faer::Mat;
 use nalgebra::Vector3;

@@ -18,7 +18,7 @@ pub const OPTIMAL: (Design, Criterion) = (Design::Optimal, Criterion::D);
 pub const ALL: [(Design, Criterion); 3] =
     [OPTIMAL, (Design::Optimal, Criterion::A), (Design::Paper, Criterion::D)];
 
-/// Plan of `config/samba.toml`.
+/// The plan of the machine file `config/samba.toml`.
 pub fn plan() -> Plan {
     plan_of(include_str!("../../../../config/samba.toml"), "samba")
 }

@@ -57,8 +57,8 @@ fn regress_rotary_encoders_that_flicker() {
         groups.map(|group| (group.name.clone(), group.arrows.len())).collect::<Vec<_>>()
     });
     assert_eq!((named.len(), &named), (32, &expected));
-    // 1e-4° at 250 mm is 0.4 µm per touch, against 0.5 µm of the probe: the change is less than that part of
-    // u.
+    // 1e-4° at 250 mm is 0.4 µm per touch, against 0.5 µm of the probe: the results change by less than this
+    // ratio times u.
     for (name, _) in paper_errors() {
         let (with, without) = (parameter(&estimate, &name), parameter(&sound, &name));
         let off = (with.value - without.value) / without.u;

@@ -28,12 +28,12 @@ pub fn machine(topology: &str) -> Machine {
     }
 }
 
-/// Paper 4, table 4, item S3.
+/// Stylus of paper 4, table 4, item S3, mm.
 pub const TOOL: Vector3<f64> = Vector3::new(-0.012, -0.012, -326.746);
-/// Paper 4, table 1, changed by less than half a millimetre: the balls are uncalibrated.
+/// Length of the scale bar, paper 4, mm.
 const BAR_MM: f64 = 304.8;
 
-/// Paper 4, table 1.
+/// Ball positions of paper 4, table 1, mm.
 fn paper_balls() -> Vec<Vector3<f64>> {
     table(include_str!("../../../../tests/data/paper4-table1.csv"))
         .map(|fields| {
@@ -43,7 +43,8 @@ fn paper_balls() -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// True positions of the balls.
+/// True positions of the balls: those of the paper, changed by less than half a millimetre, because the balls
+/// are uncalibrated.
 fn true_balls() -> Vec<Vector3<f64>> {
     let beside = |i: usize, k: f64| 0.4 * (i as f64 * 2.1 + k).sin();
     let mut balls = paper_balls();
@@ -55,7 +56,7 @@ fn true_balls() -> Vec<Vector3<f64>> {
     balls
 }
 
-/// Paper 4, table 2, in mm, rad, mm/mm.
+/// Machine errors of paper 4, table 2, in mm, rad, mm/mm.
 pub fn paper_errors() -> Vec<(String, f64)> {
     table(include_str!("../../../../tests/data/paper4-table2.csv"))
         .map(|fields| {

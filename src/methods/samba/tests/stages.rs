@@ -125,7 +125,7 @@ fn the_stages_are_played_to_the_end() {
         let off = Vector3::from(found.centre_mm).metric_distance(&true_centre);
         assert!(off < 0.25, "ball {} is taken for {off} mm off", found.id);
     }
-    // Three rounds of references at the same places.
+    // The references are measured in three rounds at the same places.
     let kind = |step: &&Step| step.kind == StepKind::Reference;
     let references: Vec<&Step> = played.steps.iter().filter(kind).collect();
     assert_eq!(references.len(), 15);
@@ -166,7 +166,7 @@ fn a_ball_found_once_is_expected_where_the_nominal_machine_carries_it() {
     assert_eq!(finds, 5 * 6);
 }
 
-/// Dirt on one touch: the ball is measured again, then the run holds.
+/// Dirt on one touch: the ball is measured again, then the run is held.
 #[test]
 fn dirt_is_measured_once_more_and_then_holds_the_run() {
     let settings = few();

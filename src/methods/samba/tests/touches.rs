@@ -58,7 +58,7 @@ fn regress_touches_drawn_one_by_one_scatter_as_drawn_centres_do() {
             of_touches / of_centres,
             (mean(0) - mean(1)).abs() / of_centres
         );
-        // Two significant digits of u, JCGM 101, 7.9.2.
+        // Tolerance: two significant digits of u, JCGM 101, 7.9.2.
         let tolerance = numerical_tolerance(of_centres, 2);
         assert!((of_centres - of_touches).abs() < tolerance, "{i}: {of_centres}, {of_touches}");
         assert!((mean(0) - mean(1)).abs() < tolerance, "{i}");

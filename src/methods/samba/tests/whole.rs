@@ -33,7 +33,7 @@ pub struct World {
     pub seed: u64,
     pub noise_um: f64,
     pub bar_mm: f64,
-    /// Standard deviation of positioning and straightness of X, Y and Z, declared as such.
+    /// Declared standard deviation of positioning and straightness errors of X, Y and Z, µm.
     pub motion_um: f64,
     /// Displacement of a ball from its position at a visit, mm.
     pub shift: fn(ball: usize, visit: usize, triple: Triple) -> Vector3<f64>,
@@ -264,7 +264,7 @@ fn regress_the_covariance_covers_over_seeds() {
     }
 }
 
-/// δᵀ·C⁻¹·δ over all unknowns.
+/// χ² of the deviations δ of all unknowns: δᵀ·C⁻¹·δ.
 fn joint_chi2(estimate: &Estimate) -> f64 {
     let balls = true_balls();
     let truth = |p: &Parameter| match p.symbol.split('_').collect::<Vec<_>>().as_slice() {
