@@ -1,5 +1,5 @@
-//! The least-squares circle of plane points (ISO 230-7: LSC): the sum of the squared radial
-//! deviations is least.
+//! The least-squares circle of plane points (ISO 230-7: LSC). It minimises the sum of the squared radial
+//! deviations.
 
 use super::radial::{self, Radial, RadialError};
 
@@ -61,7 +61,7 @@ mod tests {
         }
     }
 
-    /// The minimum of the same sum, found on ever finer grids.
+    /// The minimum of the same sum, found by search on successively finer grids.
     #[test]
     fn regress_noisy_points_against_brute_force() {
         let points = [[1.0, 0.0], [0.1, 1.2], [-0.9, 0.1], [0.2, -1.3], [0.8, 0.5], [-0.5, -0.9]];
@@ -81,7 +81,7 @@ mod tests {
             span *= 0.3;
         }
         let found = fit_circle(&points).unwrap();
-        // A minimum is known to the square root of the rounding of the sum.
+        // The position of a minimum is determined only to the square root of the rounding error of the sum.
         assert!((found.centre[0] - best[0]).hypot(found.centre[1] - best[1]) < 1e-7);
         assert!(squares(found.centre[0], found.centre[1]) <= squares(best[0], best[1]) + 1e-15);
     }

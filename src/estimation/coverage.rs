@@ -5,7 +5,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, FisherSnedecor, Normal, St
 /// The probability of ±2 standard deviations of a normal distribution, 95.45 %.
 pub const COVERAGE_PROBABILITY: f64 = 0.954_499_736_103_641_6;
 
-/// From here on k is its expansion in 1/dof, exact to 1e-7; the inverse beta function loses digits.
+/// Degrees of freedom from which k is computed by its expansion in 1/dof, exact to 1e-7. The inverse beta function
+/// loses digits there.
 const MANY: f64 = 1e4;
 
 /// k such that ±k·u covers with [`COVERAGE_PROBABILITY`]: 2 for `f64::INFINITY`, 2.65 for 5
@@ -18,20 +19,20 @@ pub fn coverage_factor(dof: f64) -> f64 {
     two_sided(COVERAGE_PROBABILITY, dof)
 }
 
-/// t such that a Student variable with `dof` degrees of freedom lies within ±t with `probability`;
-/// infinite without degrees of freedom, the normal distribution's for `f64::INFINITY`.
+/// t such that a Student variable with `dof` degrees of freedom lies within ±t with `probability`. The result is
+/// infinite without degrees of freedom, and that of the normal distribution for `f64::INFINITY`.
 pub fn two_sided(probability: f64, dof: f64) -> f64 {
     let upper = 0.5 * (1.0 + probability);
     if dof >= MANY {
         let z = Normal::standard().inverse_cdf(upper);
-        // As in [`coverage_factor`].
+        // The same expansion as in [`coverage_factor`].
         return z + (z.powi(3) + z) / (4.0 * dof);
     }
     StudentsT::new(0.0, 1.0, dof).map_or(f64::INFINITY, |student| student.inverse_cdf(upper))
 }
 
-/// Probability that a Student variable with `dof` degrees of freedom is below `t`; the normal distribution's for
-/// `f64::INFINITY`. NaN without degrees of freedom.
+/// Probability that a Student variable with `dof` degrees of freedom is below `t`. The normal distribution is used
+/// for `f64::INFINITY`. The result is NaN without degrees of freedom.
 pub fn cumulative(t: f64, dof: f64) -> f64 {
     if dof >= MANY {
         return Normal::standard().cdf(t);
@@ -47,8 +48,8 @@ pub fn effective_dof(components: &[(f64, f64)]) -> f64 {
     if spread > 0.0 { combined * combined / spread } else { f64::INFINITY }
 }
 
-/// Bounds that χ² with `dof` degrees of freedom meets with `probability`, equal tails; `None` for
-/// a `dof` that is not positive or a probability outside (0, 1).
+/// Bounds within which χ² with `dof` degrees of freedom lies with `probability`, with equal tails. `None` for a
+/// `dof` that is not positive or a probability outside (0, 1).
 pub fn chi_square_bounds(dof: f64, probability: f64) -> Option<(f64, f64)> {
     let distribution = ChiSquared::new(dof).ok().filter(|_| dof.is_finite())?;
     let tail = 0.5 * (1.0 - probability);
@@ -56,9 +57,9 @@ pub fn chi_square_bounds(dof: f64, probability: f64) -> Option<(f64, f64)> {
     inside.then(|| (distribution.inverse_cdf(tail), distribution.inverse_cdf(1.0 - tail)))
 }
 
-/// What the ratio of two variances with these degrees of freedom stays below with `probability`, where
-/// both are of one scatter; `None` for degrees of freedom that are not positive or a probability
-/// outside (0, 1).
+/// Bound that the ratio of two sample variances of the same distribution does not exceed with `probability`. `dof`
+/// belongs to the numerator, `dof_below` to the denominator. `None` for degrees of freedom that are not positive or
+/// a probability outside (0, 1).
 pub fn variance_ratio_bound(probability: f64, dof: f64, dof_below: f64) -> Option<f64> {
     let distribution = FisherSnedecor::new(dof, dof_below).ok()?;
     let inside = probability > 0.0 && probability < 1.0;
@@ -90,7 +91,8 @@ mod tests {
         assert_eq!(coverage_factor(f64::NAN), f64::INFINITY);
     }
 
-    /// Tables of the normal distribution: 95 %, 99.73 %; and what joins them.
+    /// Tables of the normal distribution (95 %, 99.73 %), of Student's t, and continuity where the expansion
+    /// begins.
     #[test]
     fn regress_two_sided_tables() {
         assert!((two_sided(0.95, f64::INFINITY) - 1.959_964).abs() < 1e-6);

@@ -1,14 +1,14 @@
-//! Columns that are made orthonormal one after the other (modified Gram–Schmidt).
+//! Orthonormalisation of matrix columns, one after the other (modified Gram–Schmidt).
 
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::linear::RANK_THRESHOLD;
 
-/// Lanes of a sum, in a fixed order: the same answer with and without vector registers.
+/// Partial sums of a dot product, added in a fixed order: the result is the same with and without vector registers.
 const LANES: usize = 8;
 
-/// A matrix by columns.
+/// A matrix stored column by column.
 #[derive(Debug, Clone)]
 pub(super) struct Columns {
     rows: usize,
@@ -41,7 +41,7 @@ impl Columns {
         &mut self.values[column * self.rows..][..self.rows]
     }
 
-    /// Zeros below.
+    /// Appends `more` rows of zeros.
     pub fn add_rows(&mut self, more: usize) {
         let mut larger = Self::zeros(self.rows + more, self.count);
         for j in 0..self.count {
@@ -55,18 +55,19 @@ impl Columns {
         self.count = count;
     }
 
-    /// Makes the first `pivots` columns orthonormal and takes them out of all others. Returns R
-    /// (pivots × columns) and whether a column was a sum of those before it.
+    /// Makes the first `pivots` columns orthonormal and subtracts their components from all other columns. Returns
+    /// R (pivots × columns) and whether a column is a linear combination of the columns before it.
     pub fn orthonormalise(&mut self, pivots: usize) -> (Mat<f64>, bool) {
         Arch::new().dispatch(Orthonormalise { columns: self, pivots })
     }
 
-    /// Takes the orthonormal columns out of `y` one after the other; their shares.
+    /// Subtracts from `y` its components along the orthonormal columns, one after the other. Returns the
+    /// components.
     pub fn take_out(&self, y: &mut [f64]) -> Vec<f64> {
         Arch::new().dispatch(TakeOut { columns: self, y })
     }
 
-    /// Of each row.
+    /// Sum of the squares of each row.
     pub fn square_sums(&self) -> Vec<f64> {
         let mut sums = vec![0.0; self.rows];
         for column in (0..self.count).map(|j| self.column(j)) {

@@ -1,15 +1,15 @@
-//! Which columns of a design are combinations of others.
+//! Detection of columns of a design matrix that are linear combinations of other columns.
 
 use faer::Mat;
 use faer::linalg::solvers::SolveLstsq;
 
-/// A known column that keeps less than this part of its length beside those before it is one of their
-/// combinations.
+/// A known column is a linear combination of the columns before it if less than this fraction of its length is
+/// independent of them.
 const MIN_KNOWN_SHARE: f64 = 1e-6;
 
-/// Of the `candidates`, taken in their order, the indices of those that keep more than the part
-/// `min_share(index)` of their length beside the `known` columns and the candidates chosen before. All
-/// columns have one length; scale the rows to one unit first.
+/// Indices of the `candidates` that are independent, tested in their order: more than the fraction
+/// `min_share(index)` of the column's length is independent of the `known` columns and of the candidates already
+/// chosen. All columns have the same number of rows. The caller scales the rows to one unit first.
 pub fn independent_columns(
     known: &[Vec<f64>],
     candidates: &[Vec<f64>],
@@ -25,8 +25,8 @@ pub fn independent_columns(
         .collect()
 }
 
-/// The coefficients, one a `known` column, of the combination that `column` is but for the part
-/// `min_share` of its length. `None`: it is independent, or there are more known columns than rows.
+/// Coefficients, one for each `known` column, of the linear combination that equals `column` except for at most the
+/// fraction `min_share` of its length. `None`: `column` is independent, or there are more known columns than rows.
 pub fn combination_of(known: &[Vec<f64>], column: &[f64], min_share: f64) -> Option<Vec<f64>> {
     let (rows, count) = (column.len(), known.len());
     if count == 0 {
@@ -44,8 +44,8 @@ pub fn combination_of(known: &[Vec<f64>], column: &[f64], min_share: f64) -> Opt
     is_combination.then(|| (0..count).map(|j| coefficients[(j, 0)]).collect())
 }
 
-/// Whether `column` keeps more than the part `min_share` of its length beside the orthonormal `basis`,
-/// which it then extends (Gram–Schmidt, twice: Giraud et al., Numer. Math. 101, 2005).
+/// Returns whether more than the fraction `min_share` of the length of `column` is independent of the orthonormal
+/// `basis`. If so, extends the basis by it (Gram–Schmidt, twice: Giraud et al., Numer. Math. 101, 2005).
 fn extend_basis(basis: &mut Vec<Vec<f64>>, column: &[f64], min_share: f64) -> bool {
     let mut remainder = column.to_vec();
     for _ in 0..2 {
@@ -71,7 +71,7 @@ fn length(column: &[f64]) -> f64 {
 mod tests {
     use super::*;
 
-    /// In the plane of two known columns, out of it by 3 %, and a repetition of that one.
+    /// One candidate in the plane of two known columns, one out of it by 3 %, and one that depends on the second.
     #[test]
     fn regress_columns_in_and_out_of_a_plane() {
         let known = [vec![1.0, 0.0, 0.0], vec![1.0, 1.0, 0.0]];

@@ -1,5 +1,6 @@
-//! Estimation: least squares with rank, condition and covariance report, the circle, the
-//! sphere, trigonometric interpolation, coverage factors, Monte Carlo, seeded random streams. Knows nothing of machines.
+//! Estimation: least squares with a report of rank, condition and covariance, circle and sphere fits, trigonometric
+//! interpolation, coverage factors, Monte Carlo, seeded random streams. This package does not depend on any machine
+//! model.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

@@ -1,73 +1,72 @@
-//! Weighted linear least squares with explicit constraints, and the survey of what a design can
-//! and cannot tell.
+//! Weighted linear least squares with explicit constraints, and the analysis of which unknowns a design determines.
 //!
-//! Unknowns are scaled first (each weighted column to norm 1), then the constraints are eliminated
-//! with an orthonormal basis of their null space (the null-space method: Golub & Van Loan, Matrix
-//! Computations, section 6.2). In this order the singular values do not depend on the basis
-//! chosen, and a constraint `x_j = 0` gives exactly the condition of the matrix without column j.
+//! The unknowns are scaled first (each weighted column to norm 1). The constraints are then eliminated with an
+//! orthonormal basis of their null space (the null-space method: Golub & Van Loan, Matrix Computations, section
+//! 6.2). In this order the singular values do not depend on the choice of the basis, and a constraint `x_j = 0`
+//! gives exactly the condition of the matrix without column j.
 
 use faer::{Mat, MatRef};
 
 use crate::thin_svd::ThinSvd;
 
-/// Relative threshold of singular values below which a direction counts as lost.
+/// Relative threshold of singular values below which a direction counts as not determined.
 pub const RANK_THRESHOLD: f64 = 1e-10;
-/// The same for the constraints, which are exact by nature.
+/// Relative threshold of the singular values of the constraints, which are exact.
 const CONSTRAINT_THRESHOLD: f64 = 1e-12;
 
-/// Minimise Σ((y − A x)/σ)² under C x = 0.
+/// The problem: minimise Σ((y − A x)/σ)² under C x = 0.
 #[derive(Debug, Clone, Copy)]
 pub struct LinearProblem<'a> {
-    /// Rows × unknowns.
+    /// Design matrix A, rows × unknowns.
     pub a: MatRef<'a, f64>,
     pub y: &'a [f64],
     /// Standard uncertainty of each row, in the unit of `y`.
     pub sigma: &'a [f64],
-    /// The gauge made explicit: constraints × unknowns, C x = 0. Redundant rows do no harm.
+    /// Explicit gauge, constraints × unknowns: C x = 0. Redundant rows are allowed.
     pub constraints: Option<MatRef<'a, f64>>,
-    /// [`RANK_THRESHOLD`] unless there is a reason.
+    /// Relative threshold of singular values, usually [`RANK_THRESHOLD`].
     pub rank_threshold: f64,
 }
 
 #[derive(Debug, Clone)]
 pub struct LinearSolution {
     pub x: Vec<f64>,
-    /// Unknowns × unknowns, for the given sigma (not scaled by the residuals).
+    /// Covariance of `x`, unknowns × unknowns, for the given sigma (not scaled by the residuals).
     pub covariance: Mat<f64>,
-    /// Unknowns × rows: x = gain·y.
+    /// Derivatives of `x` by `y`, unknowns × rows: x = gain·y.
     pub gain: Mat<f64>,
-    /// y − A x, unweighted.
+    /// Residuals y − A x, unweighted.
     pub residuals: Vec<f64>,
-    /// Σ(residual/σ)².
+    /// Weighted sum of squares Σ(residual/σ)².
     pub chi2: f64,
-    /// Rows less rank. A row of zeros counts: leave such rows out.
+    /// Number of rows less rank. Rows of zeros are counted, so the caller omits them.
     pub dof: usize,
     pub rank: usize,
-    /// Column-scaled σmax/σmin.
+    /// Condition number: column-scaled σmax/σmin.
     pub condition: f64,
 }
 
-/// What a design matrix can tell under its constraints.
+/// Which unknowns a design matrix determines under its constraints.
 #[derive(Debug, Clone)]
 pub struct Survey {
     pub rank: usize,
-    /// Free directions (unknowns less independent constraints) less rank.
+    /// Number of undetermined directions: unknowns less independent constraints less rank.
     pub nullity: usize,
-    /// Column-scaled σmax/σmin over the directions that are seen.
+    /// Column-scaled σmax/σmin over the determined directions.
     pub condition: f64,
-    /// The same without column scaling (A·Z, Z an orthonormal basis of the constraints' null
-    /// space): means something only where all unknowns share one unit.
+    /// σmax/σmin without column scaling (of A·Z, Z an orthonormal basis of the constraints' null space). It is
+    /// meaningful only if all unknowns have the same unit.
     pub condition_unscaled: f64,
-    /// Of the column-scaled matrix on the free directions, descending.
+    /// Singular values of the column-scaled matrix on the directions that the constraints leave free, descending.
     pub singular_values: Vec<f64>,
-    /// Unknowns × nullity: directions that satisfy the constraints and change no row. Each column
-    /// has norm 1 in the unknowns' own units.
+    /// Undetermined directions, unknowns × nullity: they satisfy the constraints and change no row. Each column has
+    /// norm 1 in the unknowns' own units.
     pub null_space: Mat<f64>,
 }
 
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum LinearError {
-    /// Not solved: what is lost stands in the survey's null space.
+    /// The rows do not determine all unknowns. The survey's null space contains the undetermined directions.
     #[error(
         "rank {} of {}: the rows do not separate all unknowns; fix the lost directions by \
          constraints or add measurements that separate them",
@@ -78,11 +77,11 @@ pub enum LinearError {
     Malformed(&'static str),
 }
 
-/// Solve the problem, or say what keeps it from being solved.
+/// Solves the problem, or reports why it cannot be solved.
 ///
 /// # Errors
-/// [`LinearError::RankDeficient`] when a free direction is not seen by the rows; never a minimum
-/// norm solution instead.
+/// [`LinearError::RankDeficient`] if the rows do not determine a direction. No minimum norm solution is returned in
+/// that case.
 pub fn solve(problem: &LinearProblem<'_>) -> Result<LinearSolution, LinearError> {
     let LinearProblem { a, y, sigma, constraints, rank_threshold } = *problem;
     check(problem)?;
@@ -112,11 +111,11 @@ pub fn solve(problem: &LinearProblem<'_>) -> Result<LinearSolution, LinearError>
     })
 }
 
-/// Rank, condition and null space of `a` (rows × unknowns, already weighted if weights matter)
-/// under `constraints` (C x = 0).
+/// Computes rank, condition and null space of `a` (rows × unknowns, already weighted if weights matter) under
+/// `constraints` (C x = 0).
 ///
 /// # Errors
-/// Only for malformed input; a deficient rank is a finding, not an error.
+/// Malformed input. A deficient rank is not an error but part of the result.
 pub fn survey(
     a: MatRef<'_, f64>,
     constraints: Option<MatRef<'_, f64>>,
@@ -134,12 +133,12 @@ pub fn survey(
     })
 }
 
-/// Columns smaller than this against the largest are rounding errors.
+/// Ratio to the largest column norm below which a column consists of rounding errors.
 const ROUNDING: f64 = 1e-13;
 
-/// The weighted matrix on the free directions: A·basis = U S Vᵀ.
+/// The weighted matrix on the directions that the constraints leave free: A·basis = U S Vᵀ.
 struct Reduced {
-    /// Unknowns × free: x = basis·v, scale and constraints taken in.
+    /// Unknowns × free directions: x = basis·v. Contains the scaling and the constraints.
     basis: Mat<f64>,
     svd: ThinSvd,
     rank: usize,
@@ -179,7 +178,7 @@ impl Reduced {
         }
     }
 
-    /// T with covariance T·Tᵀ: basis·V·S⁻¹ over the directions that are seen.
+    /// T with covariance T·Tᵀ: basis·V·S⁻¹ over the determined directions.
     fn covariance_root(&self) -> Mat<f64> {
         let ThinSvd { s, v, .. } = &self.svd;
         let scaled = Mat::from_fn(self.free(), self.rank, |i, j| v[(i, j)] / s[j]);
@@ -199,11 +198,11 @@ impl Reduced {
 fn column_scale(a: MatRef<'_, f64>) -> Vec<f64> {
     let norms: Vec<f64> = (0..a.ncols()).map(|j| a.col(j).norm_l2()).collect();
     let largest = norms.iter().copied().fold(0.0, f64::max);
-    // A column of rounding errors, such as sin π, says nothing and must not be blown up to size 1.
+    // A column of rounding errors, such as sin π, holds no information and must not be scaled to norm 1.
     norms.into_iter().map(|n| unit_scale(if n > ROUNDING * largest { n } else { 0.0 })).collect()
 }
 
-/// Unknowns × free: diag(scale)·Z, Z an orthonormal basis of the null space of C·diag(scale).
+/// Unknowns × free directions: diag(scale)·Z, Z an orthonormal basis of the null space of C·diag(scale).
 fn free_basis(scale: &[f64], constraints: Option<MatRef<'_, f64>>) -> Mat<f64> {
     let n = scale.len();
     let Some(c) = constraints.filter(|c| c.nrows() > 0) else {
@@ -224,7 +223,7 @@ fn rank_of(descending: &[f64], threshold: f64) -> usize {
     descending.iter().filter(|value| **value > threshold * largest).count()
 }
 
-/// The factor that brings `norm` to 1; 1 for a vector of zeros.
+/// Factor that scales `norm` to 1, or 1 for a vector of zeros.
 fn unit_scale(norm: f64) -> f64 {
     if norm > 0.0 { 1.0 / norm } else { 1.0 }
 }
@@ -247,9 +246,9 @@ fn check(problem: &LinearProblem<'_>) -> Result<(), LinearError> {
     Ok(())
 }
 
-/// Lower triangle L with L·Lᵀ = `a`, both n × n (Cholesky; Golub & Van Loan, Matrix Computations,
-/// section 4.2). `a` is symmetric and positive semidefinite; a pivot that is not positive, by
-/// linear dependence or rounding, gives a column of zeros.
+/// Lower triangle L with L·Lᵀ = `a`, both n × n (Cholesky; Golub & Van Loan, Matrix Computations, section 4.2). `a`
+/// is symmetric and positive semidefinite. A pivot that is not positive, because of linear dependence or rounding,
+/// gives a column of zeros.
 pub fn lower_root(a: &Mat<f64>) -> Mat<f64> {
     let mut root = Mat::zeros(a.nrows(), a.nrows());
     for i in 0..a.nrows() {
@@ -272,7 +271,7 @@ pub fn lower_root(a: &Mat<f64>) -> Mat<f64> {
 mod tests {
     use super::*;
 
-    /// L = [[2, 0], [-1, 3]] by hand; of rank 1, the second column is zero.
+    /// L = [[2, 0], [-1, 3]], computed by hand. For a matrix of rank 1 the second column is zero.
     #[test]
     fn regress_lower_root_by_hand() {
         let of = |rows: [[f64; 2]; 2]| lower_root(&Mat::from_fn(2, 2, |i, j| rows[i][j]));

@@ -1,34 +1,35 @@
-//! Residuals against what is declared: χ² with the mean and the variance that the sources make.
+//! Test of the residuals against the declared sources: χ² with the mean and the variance that the sources cause.
 
 use faer::Mat;
 
 use super::coverage;
 
-/// Probability that χ² stays within its bounds where all is as declared.
+/// Probability that χ² is within its bounds if all sources are as declared.
 const CREDIBLE: f64 = 0.998;
 
 #[derive(Debug, Clone, Copy)]
 pub struct Misfit {
-    /// Weighted sum of squares.
+    /// χ²: the weighted sum of squares.
     pub chi2: f64,
-    /// What it is on average where all is as declared: the degrees of freedom, less where sources
-    /// that move many measurements together are declared.
+    /// Expectation of χ² if all sources are as declared: the degrees of freedom, or less if declared sources change
+    /// many measurements together.
     pub expected: f64,
     /// Effective degrees of freedom of χ².
     pub dof: f64,
-    /// Factor on the standard uncertainties of the sources that the residuals show.
+    /// Factor on the standard uncertainties of the sources that contribute to the residuals.
     pub factor: f64,
-    /// Beyond its bounds: above, below.
+    /// Whether χ² is above its upper bound, and whether it is below its lower bound.
     pub above: bool,
     pub below: bool,
 }
 
 impl Misfit {
-    /// `left`: what is left in the residuals of each independent draw of size one standard uncertainty,
-    /// a vector as long as `residuals` each. χ² is that of a sum of squares with the mean and the
-    /// variance that they make (Satterthwaite). Declared sizes stand unless the residuals contradict
-    /// them; where nothing is `declared` the residuals judge. `dof`: rows less rank. With 0 the
-    /// expectation is rounding error: the factor is 1 and no bound is exceeded.
+    /// Compares `residuals` with what the sources predict. `left`: for each independent draw of one standard
+    /// uncertainty, the part that remains in the residuals (a vector of the same length as `residuals`). The bounds
+    /// are those of a scaled χ² distribution with the mean and the variance that the draws cause (Satterthwaite).
+    /// Declared sizes are kept unless the residuals contradict them. If the sources are not `declared`, the factor
+    /// follows from the residuals. `dof`: rows less rank. With 0 the expectation is only rounding error: the factor
+    /// is 1 and no bound is exceeded.
     pub fn judge(residuals: &[f64], left: &[Vec<f64>], dof: usize, declared: bool) -> Self {
         let rows = residuals.len();
         let left = Mat::from_fn(rows, left.len(), |i, j| left[j][i]);
@@ -52,7 +53,7 @@ impl Misfit {
 mod tests {
     use super::*;
 
-    /// What is left of unit draws of six rows beside their mean: the columns of I − 1/6.
+    /// Unit draws of six rows after subtraction of their mean: the columns of I − 1/6.
     fn left_beside_the_mean() -> Vec<Vec<f64>> {
         let entry = |i: usize, j: usize| f64::from(u8::from(i == j)) - 1.0 / 6.0;
         (0..6).map(|j| (0..6).map(|i| entry(i, j)).collect()).collect()
@@ -73,7 +74,7 @@ mod tests {
         assert!(!declared.above && declared.factor == 1.0);
     }
 
-    /// As many rows as unknowns: residuals and expectation are rounding errors of any ratio.
+    /// As many rows as unknowns: residuals and expectation are rounding errors, so their ratio is arbitrary.
     #[test]
     fn regress_no_degrees_of_freedom_judge_nothing() {
         let left = [vec![1e-16, 0.0], vec![0.0, -2e-16]];

@@ -1,18 +1,18 @@
-//! What a rank-deficient design cannot tell, in words.
+//! Names of the combinations of unknowns that a rank-deficient design does not determine.
 
 use faer::MatRef;
 
-/// Entries below this fraction of the largest of a direction are rounding noise.
+/// Entries below this fraction of the largest entry of a direction are rounding errors.
 const NEGLIGIBLE: f64 = 1e-7;
-/// A direction with more members than this is cut short in words.
+/// Maximum number of unknowns that are named in one direction.
 const NAMED: usize = 6;
 
-/// Names the lost directions: `null_space` (unknowns × nullity, e.g. of
-/// [`Survey`](super::linear::Survey)) is reduced to a sparse basis, and each direction becomes
+/// Names the undetermined directions. `null_space` (unknowns × nullity, e.g. of [`Survey`](super::linear::Survey))
+/// is reduced to a sparse basis, and each direction becomes one of
 ///
 /// - `EXX1 (not seen)`: one unknown that changes no row;
-/// - `EX0S + t_x (inseparable)`: only this combination of two unknowns is seen;
-/// - `W0 : W1 : W2 = 1 : 1 : 1 (not seen)`: changes in this proportion are not seen.
+/// - `EX0S + t_x (inseparable)`: the rows determine only this combination of two unknowns;
+/// - `W0 : W1 : W2 = 1 : 1 : 1 (not seen)`: changes in this proportion change no row.
 ///
 /// Unknowns without a name are called `unknown 7`.
 pub fn name_null_space(null_space: MatRef<'_, f64>, names: &[String]) -> Vec<String> {
@@ -25,7 +25,7 @@ pub fn name_null_space(null_space: MatRef<'_, f64>, names: &[String]) -> Vec<Str
     sparsest.iter().map(|direction| in_words(direction, names)).collect()
 }
 
-/// Reduced row-echelon form of the directions (one row each), pivots sought in the given order.
+/// Reduced row-echelon form of the directions (one row each), with pivots searched in the given order.
 fn echelon(null_space: MatRef<'_, f64>, order: &[usize]) -> Vec<Vec<f64>> {
     let mut rows: Vec<Vec<f64>> =
         null_space.col_iter().map(|direction| direction.iter().copied().collect()).collect();
@@ -50,7 +50,7 @@ fn echelon(null_space: MatRef<'_, f64>, order: &[usize]) -> Vec<Vec<f64>> {
     rows
 }
 
-/// Scales row `pivot` to 1 at `unknown` and clears that unknown from all other rows.
+/// Scales row `pivot` to 1 at `unknown` and eliminates that unknown from all other rows.
 fn eliminate(rows: &mut [Vec<f64>], pivot: usize, unknown: usize) {
     let scale = 1.0 / rows[pivot][unknown];
     rows[pivot].iter_mut().for_each(|entry| *entry *= scale);
@@ -73,7 +73,7 @@ fn in_words(direction: &[f64], names: &[String]) -> String {
         direction.iter().copied().enumerate().filter(|(_, value)| *value != 0.0).collect();
     match members.as_slice() {
         [(only, _)] => format!("{} (not seen)", name(*only)),
-        // What is orthogonal to the lost direction is seen.
+        // The combination orthogonal to the undetermined direction is determined.
         [(a, alpha), (b, beta)] => {
             format!("{} {} (inseparable)", name(*a), signed(-alpha / beta, &name(*b)))
         }
@@ -124,7 +124,7 @@ mod tests {
 
     #[test]
     fn regress_mixed_directions_are_told_apart() {
-        // Two lost directions, EX0S − t_x and the gain alone, mixed by a rotation.
+        // Two undetermined directions, EX0S − t_x and the gain alone, mixed by a rotation.
         let (c, s) = (0.6, 0.8);
         let pair = [1.0, -1.0, 0.0, 0.0];
         let gain = [0.0, 0.0, 0.0, 1.0];

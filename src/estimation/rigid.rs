@@ -1,22 +1,22 @@
-//! The rigid motion that carries one set of points onto another best, by least squares.
+//! Least-squares fit of the rigid motion from one set of points to another.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-/// Points against those that a rigid motion carries near to them.
+/// Result of the fit: the rigid motion and the deviations that remain.
 #[derive(Debug, Clone)]
 pub struct RigidFit {
-    /// Of the points `from` onto the points `to`.
+    /// Rotation from the points `from` to the points `to`.
     pub rotation: Rotation3<f64>,
-    /// The points `from` as seen from their centroid, turned.
+    /// Rotated positions of the points `from` relative to their centroid.
     pub arms: Vec<Vector3<f64>>,
-    /// `to` less where the motion carries `from`.
+    /// Points `to` less the transformed points `from`.
     pub deviations: Vec<Vector3<f64>>,
     inverse_inertia: Matrix3<f64>,
 }
 
 impl RigidFit {
-    /// By singular value decomposition of the covariance of the two sets, which are of one length. Points in one line
-    /// leave the turn about it as it is.
+    /// Fits by singular value decomposition of the covariance of the two sets, which have the same number of
+    /// points. If the points are on one line, the rotation about this line is not changed.
     pub fn new(from: &[Vector3<f64>], to: &[Vector3<f64>]) -> Self {
         let mean =
             |all: &[Vector3<f64>]| all.iter().sum::<Vector3<f64>>() / all.len().max(1) as f64;
@@ -38,7 +38,7 @@ impl RigidFit {
         Self { rotation, arms, deviations, inverse_inertia }
     }
 
-    /// Takes out of small changes of the deviations what a small rigid motion takes up.
+    /// Subtracts the part that a small rigid motion explains from small changes of the deviations.
     pub fn without_rigid(&self, changes: &mut [Vector3<f64>]) {
         let mean = changes.iter().sum::<Vector3<f64>>() / changes.len().max(1) as f64;
         let moment: Vector3<f64> =
@@ -54,8 +54,8 @@ impl RigidFit {
 mod tests {
     use super::*;
 
-    /// Corners of a box moved by a known motion, one of them 3 µm farther: the fit takes up a part of it, and what
-    /// is left has no mean and no moment.
+    /// Corners of a box moved by a known motion, one of them 3 µm farther. The fit absorbs a part of the 3 µm, and
+    /// the remaining deviations have zero mean and zero moment.
     #[test]
     fn a_moved_box_is_carried_back() {
         let corner = |i: usize| {

@@ -1,12 +1,12 @@
-//! Weighted least squares where most unknowns come in small blocks that meet each other only through a
-//! few common unknowns: many points in space seen by one machine. Each block is eliminated on its own
-//! and what is left of its rows stands for the common unknowns: the Schur complement, here on the rows
-//! themselves (orthogonal, by modified Gram–Schmidt) and not on the normal equations, so that the
-//! condition is not squared. The right-hand side is taken along as one more column, which makes the
-//! solution as good as with Householder's reflections (Björck, BIT 7, 1967, 1–21).
+//! Weighted least squares with most unknowns in small blocks that are coupled only through a few common unknowns,
+//! for example many points in space measured by one machine. Each block is eliminated on its own, and the remainder
+//! of its rows determines the common unknowns. This is the Schur complement computed on the rows (orthogonal, by
+//! modified Gram–Schmidt) and not on the normal equations, so the condition is not squared. The right-hand side is
+//! processed as one more column, which makes the solution as accurate as with Householder reflections (Björck, BIT
+//! 7, 1967, 1–21).
 //!
-//! Unknowns stand in one vector: the common ones, then block after block. Rows stand block after block.
-//! A dense problem is one block without unknowns of its own.
+//! Order of the unknowns: the common ones, then block after block. Order of the rows: block after block. A dense
+//! problem is one block without own unknowns.
 
 use faer::Mat;
 
@@ -21,7 +21,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// Zeros: `count` rows over `own` unknowns of the block and `common` ones.
+    /// Creates `count` rows of zeros over `own` unknowns of the block and `common` unknowns.
     pub fn zeros(count: usize, own: usize, common: usize) -> Self {
         Self { own, columns: Columns::zeros(count, own + common + 1) }
     }
@@ -34,14 +34,14 @@ impl Rows {
         self.columns.set(row, self.own + unknown, value);
     }
 
-    /// The value: measured, or measured less model.
+    /// Sets the right-hand side of a row: measured, or measured less model.
     pub fn set_value(&mut self, row: usize, value: f64) {
         self.columns.set(row, self.columns.count() - 1, value);
     }
 }
 
-/// The rows with one more for each unknown, weight·unknown = 0, which hold it back (Levenberg 1944):
-/// those of a block's own unknowns stand below its rows, those of the common ones at the end.
+/// Adds one damping row for each unknown, weight·unknown = 0 (Levenberg 1944). The damping rows of a block's own
+/// unknowns follow its rows. Those of the common unknowns are at the end.
 pub(super) fn held(mut blocks: Vec<Rows>, weights: &[f64]) -> Vec<Rows> {
     let common = weights.len() - blocks.iter().map(|rows| rows.own).sum::<usize>();
     let (of_common, mut weights) = weights.split_at(common);
@@ -58,13 +58,13 @@ pub(super) fn held(mut blocks: Vec<Rows>, weights: &[f64]) -> Vec<Rows> {
     blocks
 }
 
-/// A = Q·R in pieces: what all answers about the rows come from.
+/// Factorisation A = Q·R in blocks, from which solution, covariance and rank are computed.
 #[derive(Debug, Clone)]
 pub struct Factored {
     blocks: Vec<Block>,
-    /// Of all rows: the orthonormal columns of the common unknowns, the blocks taken out.
+    /// Orthonormal columns of the common unknowns over all rows, orthogonal to the blocks.
     common: Columns,
-    /// Common × common, upper triangle.
+    /// R of the common unknowns: common × common, upper triangle.
     triangle: Mat<f64>,
     deficient: bool,
 }
@@ -72,14 +72,14 @@ pub struct Factored {
 #[derive(Debug, Clone)]
 struct Block {
     orthonormal: Columns,
-    /// Own × own, upper triangle.
+    /// R of the own unknowns: own × own, upper triangle.
     triangle: Mat<f64>,
-    /// Own × common.
+    /// Part of R that couples own and common unknowns: own × common.
     coupling: Mat<f64>,
 }
 
-/// Factors the rows of all blocks; and, as coordinates along the orthonormal columns, their values.
-/// All blocks have the same common unknowns.
+/// Factorises the rows of all blocks. Returns the factorisation and the coordinates of the right-hand side along
+/// the orthonormal columns. All blocks have the same common unknowns.
 pub fn factor(blocks: Vec<Rows>) -> (Factored, Vec<f64>) {
     let common = blocks.first().map_or(0, |rows| rows.columns.count() - rows.own - 1);
     let total = blocks.iter().map(|rows| rows.columns.rows()).sum();
@@ -116,12 +116,13 @@ impl Factored {
             + self.blocks.iter().map(|block| block.orthonormal.count()).sum::<usize>()
     }
 
-    /// Least-squares solution for the values `y` of all rows.
+    /// Computes the least-squares solution for the values `y` of all rows.
     pub fn solve(&self, y: &[f64]) -> Vec<f64> {
         self.unknowns_at(&self.coordinates(&mut y.to_vec()))
     }
 
-    /// The same for rows that are [`held`]; `y` are the values without the rows that hold.
+    /// Computes the least-squares solution of damped rows (see [`held`]). `y` holds the values without the damping
+    /// rows.
     pub(super) fn solve_held(&self, y: &[f64]) -> Vec<f64> {
         let (mut extended, mut rest) = (Vec::new(), y);
         for block in &self.blocks {
@@ -135,21 +136,21 @@ impl Factored {
         self.solve(&extended)
     }
 
-    /// What the unknowns cannot explain of `y`: (I − H)·y.
+    /// Part of `y` that the unknowns do not explain: (I − H)·y.
     pub fn remainder(&self, y: &[f64]) -> Vec<f64> {
         let mut rest = y.to_vec();
         self.coordinates(&mut rest);
         rest
     }
 
-    /// [`solve`](Self::solve) and [`remainder`](Self::remainder) of the values `y` of all rows, from
-    /// one pass over the rows.
+    /// Computes [`solve`](Self::solve) and [`remainder`](Self::remainder) for the values `y` of all rows in one
+    /// pass over the rows.
     pub fn split(&self, mut y: Vec<f64>) -> (Vec<f64>, Vec<f64>) {
         let coordinates = self.coordinates(&mut y);
         (self.unknowns_at(&coordinates), y)
     }
 
-    /// Qᵀ·y; `y` becomes what is left of it.
+    /// Computes Qᵀ·y and replaces `y` by its remainder.
     pub(super) fn coordinates(&self, y: &mut [f64]) -> Vec<f64> {
         let mut own = Vec::with_capacity(self.unknowns());
         let mut rest = &mut *y;
@@ -163,7 +164,7 @@ impl Factored {
         all
     }
 
-    /// R⁻¹·coordinates.
+    /// Computes R⁻¹·coordinates.
     pub(super) fn unknowns_at(&self, coordinates: &[f64]) -> Vec<f64> {
         let (common, mut own) = coordinates.split_at(self.common.count());
         let mut x = back_substituted(&self.triangle, common.to_vec());
@@ -181,7 +182,7 @@ impl Factored {
         x
     }
 
-    /// R: square, with the rank, the singular values and the null space of all rows.
+    /// R as a square matrix. It has the rank, the singular values and the null space of all rows.
     fn square(&self) -> Mat<f64> {
         let (common, all) = (self.common.count(), self.unknowns());
         let mut square = Mat::zeros(all, all);
@@ -196,15 +197,15 @@ impl Factored {
         square
     }
 
-    /// What the rows can tell.
+    /// Analyses which unknowns the rows determine.
     ///
     /// # Errors
-    /// Rows that are not finite.
+    /// A row is not finite.
     pub fn survey(&self) -> Result<Survey, LinearError> {
         survey(self.square().as_ref(), None, RANK_THRESHOLD)
     }
 
-    /// Unknowns × unknowns, for rows of unit variance.
+    /// Covariance of the unknowns (unknowns × unknowns), for rows of unit variance.
     pub fn covariance(&self) -> Mat<f64> {
         let all = self.unknowns();
         let mut root = Mat::zeros(all, all);
@@ -217,13 +218,14 @@ impl Factored {
         &root * root.transpose()
     }
 
-    /// Column norms of the rows: times the covariance's roots they are the scaled ones.
+    /// Column norms of the rows. Multiplied by the standard uncertainties of the unknowns they do not depend on the
+    /// units.
     pub fn column_norms(&self) -> Vec<f64> {
         let square = self.square();
         (0..square.ncols()).map(|j| square.col(j).norm_l2()).collect()
     }
 
-    /// Diagonal of H: how far each row is explained by itself.
+    /// Leverage of each row: the diagonal of the hat matrix H.
     pub fn leverage(&self) -> Vec<f64> {
         let mut leverage = self.common.square_sums();
         let own = self.blocks.iter().flat_map(|block| block.orthonormal.square_sums());
@@ -232,7 +234,7 @@ impl Factored {
     }
 
     /// # Errors
-    /// Rows that do not separate the unknowns.
+    /// The rows do not determine the unknowns.
     pub(super) fn checked(self) -> Result<Self, LinearError> {
         if self.deficient {
             return Err(LinearError::RankDeficient(Box::new(self.survey()?)));
@@ -245,7 +247,7 @@ impl Factored {
     }
 }
 
-/// Solves R·x = z in place of z; a lost unknown stays where it is.
+/// Solves R·x = z in place of z. An undetermined unknown is set to 0.
 fn back_substituted(triangle: &Mat<f64>, mut z: Vec<f64>) -> Vec<f64> {
     for i in (0..z.len()).rev() {
         let known: f64 = (i + 1..z.len()).map(|j| triangle[(i, j)] * z[j]).sum();

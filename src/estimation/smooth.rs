@@ -1,20 +1,20 @@
-//! Smooth random functions: what is known of a deviation that is declared by its size and by the
+//! Smooth random functions (Gaussian process): model of a deviation that is declared by its size and by the
 //! distance over which it changes.
 
 use faer::{Mat, Side};
 
-/// Directions smaller than this part of the largest are left out.
+/// Ratio to the largest eigenvalue below which a direction is omitted.
 const NEGLIGIBLE: f64 = 1e-9;
 
-/// A function f of standard deviation `sigma` with covariance σ²·exp(−Δ²/2ℓ²), ℓ = `length`, of which
-/// f(x) − f(0) is seen at `places`: columns B, one entry a place, such that B·(independent draws of unit
-/// variance) is f(x) − f(0). No places, no columns.
+/// Columns B such that B·(independent draws of unit variance) is f(x) − f(0) at `places`, one entry per place. f is
+/// a random function of standard deviation `sigma` with covariance σ²·exp(−Δ²/2ℓ²), ℓ = `length`. Without places
+/// there are no columns.
 pub fn smooth_function(places: &[f64], sigma: f64, length: f64) -> Vec<Vec<f64>> {
     let bell = bell(length);
     columns(places, |u, v| sigma * sigma * (bell(u - v) - bell(u) - bell(v) + 1.0))
 }
 
-/// The same of f(x) itself.
+/// The same columns for f(x) itself.
 pub fn stationary_function(places: &[f64], sigma: f64, length: f64) -> Vec<Vec<f64>> {
     let bell = bell(length);
     columns(places, |u, v| sigma * sigma * bell(u - v))
@@ -24,12 +24,12 @@ fn bell(length: f64) -> impl Fn(f64) -> f64 {
     move |d| (-0.5 * (d / length).powi(2)).exp()
 }
 
-/// Columns B with B·Bᵀ = the covariance of the values at `places`.
+/// Columns B such that B·Bᵀ is the covariance of the values at `places`.
 fn columns(places: &[f64], covariance: impl Fn(f64, f64) -> f64) -> Vec<Vec<f64>> {
     let mut nodes = places.to_vec();
     nodes.sort_by(f64::total_cmp);
     nodes.dedup();
-    // Nothing to decompose: the eigenvalues of a matrix without entries are not asked for.
+    // The eigendecomposition is not defined for a matrix without entries.
     if nodes.is_empty() {
         return Vec::new();
     }

@@ -1,5 +1,5 @@
-//! The least-squares sphere of points in space: the sum of the squared radial deviations is least.
-//! For a handful of touches on a ball, and for the samples of a scan.
+//! The least-squares sphere of points in space. It minimises the sum of the squared radial deviations. It is used
+//! for a few touches on a ball and for the samples of a scan.
 
 use super::radial::{self, Radial, RadialError};
 
@@ -8,10 +8,10 @@ use super::radial::{self, Radial, RadialError};
 pub struct Sphere {
     pub centre: [f64; 3],
     pub radius: f64,
-    /// Distance from the centre less radius, one per point: positive outside.
+    /// Distance of each point from the centre less radius, positive outside.
     pub residuals: Vec<f64>,
-    /// Of x, y, z and radius per unit variance of a radial reading: the readings' directions
-    /// alone make it. Times u² it is the covariance at standard uncertainty u.
+    /// Covariance of x, y, z and radius for unit variance of a radial reading. It depends only on the directions of
+    /// the readings. Multiplied by u² it is the covariance for the standard uncertainty u.
     pub covariance: [[f64; 4]; 4],
 }
 
@@ -63,7 +63,7 @@ impl Sphere {
 mod tests {
     use super::*;
 
-    /// Four touches round the ball, `below` (rad) under its equator or over it, and the pole.
+    /// Four touches around the ball at `elevation` (rad) from its equator, and one at the pole.
     fn five_touches(centre: [f64; 3], radius: f64, elevation: f64) -> Vec<[f64; 3]> {
         let on = |azimuth: f64, elevation: f64| {
             let (s, c) = elevation.sin_cos();
@@ -92,8 +92,8 @@ mod tests {
         }
     }
 
-    /// Touches on the equator and the pole, worked by hand: Σ u uᵀ = diag(2, 2, 1), Σu = (0, 0, 1);
-    /// the radius is the mean of four, z the pole less radius.
+    /// Touches on the equator and the pole, computed by hand: Σ u uᵀ = diag(2, 2, 1), Σu = (0, 0, 1). The radius is
+    /// the mean of four touches, z is the pole less the radius.
     #[test]
     fn regress_covariance_of_the_five_touches_by_hand() {
         let points = five_touches([10.0, 20.0, 30.0], 12.5, 0.0);

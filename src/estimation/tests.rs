@@ -7,7 +7,7 @@ use faer::Mat;
 use super::linear::{LinearError, LinearProblem, solve, survey};
 
 const N: usize = 8;
-/// E_x(C_i), E_y(C_i), E_r(φ_i), W(θ_i), i = 0..8, as blocks.
+/// Unknowns in blocks: E_x(C_i), E_y(C_i), E_r(φ_i), W(θ_i), i = 0..8.
 const UNKNOWNS: usize = 4 * N;
 
 /// Coefficients of r = R + E(C)·n(φ) + W(φ+C) − E_r(φ) without R, angles in steps of 45°.
@@ -32,7 +32,7 @@ pub(super) fn paper_design(k_b: usize) -> Mat<f64> {
     Mat::from_fn(rows.len(), UNKNOWNS, |i, j| reading(rows[i].0, rows[i].1)[j] - origin[j])
 }
 
-/// E(0)=0, E_r(0)=W(0)=0, E_r(180)=0, E_r(90)=E_r(−90).
+/// Gauge of the paper: E(0)=0, E_r(0)=W(0)=0, E_r(180)=0, E_r(90)=E_r(−90).
 pub(super) fn paper_gauge() -> Mat<f64> {
     let mut c = Mat::zeros(6, UNKNOWNS);
     for (row, unknown) in [0, N, 2 * N, 3 * N, 2 * N + 4].into_iter().enumerate() {
@@ -43,7 +43,7 @@ pub(super) fn paper_gauge() -> Mat<f64> {
     c
 }
 
-/// The same gauge by hand: fixed unknowns struck out, E_r(90) and E_r(−90) merged to one column.
+/// The same gauge by hand: the columns of the fixed unknowns are removed, E_r(90) and E_r(−90) are merged.
 fn columns_removed(a: &Mat<f64>) -> Mat<f64> {
     let fixed = [0, N, 2 * N, 3 * N, 2 * N + 4, 2 * N + 6];
     let kept: Vec<usize> = (0..UNKNOWNS).filter(|j| !fixed.contains(j)).collect();
@@ -73,7 +73,8 @@ fn gate_g1_rank_26_and_condition_21_88_at_eight_angles() {
     assert!(seen.norm_max() < 1e-12);
 }
 
-/// gcd(k_b, N) − 1 (METHODS section 1). At φ_b = 180° some columns hold rounding errors only.
+/// The rank deficiency is gcd(k_b, N) − 1 (METHODS section 1). At φ_b = 180° some columns contain only rounding
+/// errors.
 #[test]
 fn gate_g1_deficient_probe_angles_lose_gcd_less_one_directions() {
     for (k_b, lost) in [(1, 0), (2, 1), (3, 0), (4, 3), (5, 0), (6, 1), (7, 0)] {
@@ -108,7 +109,7 @@ fn regress_constrained_solution_returns_the_truth_and_names_a_deficient_rank() {
         assert!((x - truth).abs() < 1e-15, "{x} {truth}");
     }
     assert!(solution.chi2 < 1e-20 && solution.dof == 6);
-    // The covariance is the propagation of the rows' own variances through the gain.
+    // The covariance equals the variances of the rows, propagated through the gain.
     let noise = Mat::from_fn(32, 32, |i, j| if i == j { sigma[i].powi(2) } else { 0.0 });
     let propagated = &solution.gain * noise * solution.gain.transpose();
     assert!((propagated - &solution.covariance).norm_max() < 1e-16);
@@ -118,8 +119,8 @@ fn regress_constrained_solution_returns_the_truth_and_names_a_deficient_rank() {
     assert_eq!((found.rank, found.nullity), (26, 6));
 }
 
-/// Straight line through (−1, 1), (0, 2), (1, 4) with sigma 1, 1, 2: the normal equations by hand
-/// give 9/4·a − 3/4·b = 4, −3/4·a + 5/4·b = 0, so a = 20/9, b = 4/3; covariance = inverse.
+/// Straight line through (−1, 1), (0, 2), (1, 4) with sigma 1, 1, 2. The normal equations by hand are 9/4·a − 3/4·b
+/// = 4, −3/4·a + 5/4·b = 0, so a = 20/9, b = 4/3, and the covariance is the inverse.
 #[test]
 fn regress_weighted_line_against_normal_equations_by_hand() {
     let a = Mat::from_fn(3, 2, |i, j| if j == 0 { 1.0 } else { i as f64 - 1.0 });
@@ -137,7 +138,7 @@ fn regress_weighted_line_against_normal_equations_by_hand() {
     expect(solution.covariance[(0, 0)], 5.0 / 9.0);
     expect(solution.covariance[(0, 1)], 1.0 / 3.0);
     expect(solution.covariance[(1, 1)], 1.0);
-    // Residuals 1/9, −2/9, 4/9.
+    // The residuals are 1/9, −2/9, 4/9.
     expect(solution.chi2, (1.0 + 4.0 + 4.0) / 81.0);
     assert_eq!(solution.dof, 1);
 }

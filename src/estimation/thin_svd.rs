@@ -1,23 +1,24 @@
-//! Thin singular value decomposition that has a result for every finite matrix.
+//! Thin singular value decomposition that returns a result for every finite matrix.
 
 use faer::Mat;
 
-/// Pairs of columns are orthogonal when the cosine between them is below this.
+/// Cosine of the angle between two columns below which they count as orthogonal.
 const ORTHOGONAL: f64 = 1e-15;
-/// Rotations converge quadratically after a few sweeps over all pairs; rounding ends them.
+/// Maximum number of sweeps over all pairs of columns. Rotations converge quadratically after a few sweeps, down to
+/// rounding.
 const SWEEPS: usize = 60;
 
-/// A = U·diag(s)·Vᵀ, s descending, with a square V: where A has fewer rows than columns, rows of zeros are added.
+/// A = U·diag(s)·Vᵀ with s descending and a square V. If A has fewer rows than columns, rows of zeros are added.
 #[derive(Debug, Clone)]
 pub struct ThinSvd {
-    /// Rows × columns. By rotations the columns of singular values 0 are 0.
+    /// Rows × columns. In the Jacobi method the columns of singular values 0 are zero.
     pub u: Mat<f64>,
     pub s: Vec<f64>,
     pub v: Mat<f64>,
 }
 
 impl ThinSvd {
-    /// `a` is finite.
+    /// Decomposes `a`, which must be finite.
     pub fn of(a: &Mat<f64>) -> Self {
         let rows = a.nrows().max(a.ncols());
         let padded =
@@ -28,12 +29,12 @@ impl ThinSvd {
                 s: svd.S().column_vector().iter().copied().collect(),
                 v: svd.V().to_owned(),
             },
-            // Its iteration does not end for some matrices with entries of rounding errors.
+            // faer's iteration does not converge for some matrices with entries of rounding errors.
             Err(_) => Self::by_rotations(padded),
         }
     }
 
-    /// One-sided Jacobi: pairs of columns are rotated until all are orthogonal.
+    /// One-sided Jacobi method: rotates pairs of columns until all columns are orthogonal.
     fn by_rotations(mut a: Mat<f64>) -> Self {
         let count = a.ncols();
         let mut v = Mat::identity(count, count);
@@ -64,7 +65,7 @@ impl ThinSvd {
     }
 }
 
-/// Cosine and sine of the rotation that makes two columns orthogonal; `None` where they are.
+/// Cosine and sine of the rotation that makes two columns orthogonal. `None`: they are orthogonal already.
 fn orthogonal(a: &Mat<f64>, p: usize, q: usize) -> Option<[f64; 2]> {
     let dot = |i: usize, j: usize| a.col(i).transpose() * a.col(j);
     let (own, other, both) = (dot(p, p), dot(q, q), dot(p, q));
@@ -92,7 +93,7 @@ mod tests {
     use super::*;
     use crate::random::stream;
 
-    /// The largest entry of what is left of `a`, and of VᵀV − 1.
+    /// Largest entry of U·diag(s)·Vᵀ − `a`, and of VᵀV − 1.
     fn off(a: &Mat<f64>, svd: &ThinSvd) -> [f64; 2] {
         let ThinSvd { u, s, v } = svd;
         let scaled = Mat::from_fn(u.nrows(), s.len(), |i, j| u[(i, j)] * s[j]);
@@ -101,8 +102,8 @@ mod tests {
         [left.norm_max(), square.norm_max()]
     }
 
-    /// Weighted equations of multiprobe (28 rows, 16 unknowns, groups of equal singular values) with which the
-    /// decomposition of faer 0.24 does not end. Bits of its entries, row by row.
+    /// Weighted equations of multiprobe (28 rows, 16 unknowns, groups of equal singular values) for which the
+    /// decomposition of faer 0.24 does not converge. The file holds the bits of the entries, row by row.
     #[test]
     fn regress_a_matrix_without_convergence_is_decomposed() {
         let rows: Vec<Vec<f64>> = include_str!("without_convergence.txt")
@@ -119,7 +120,7 @@ mod tests {
         assert!(svd.s.is_sorted_by(|one, other| one >= other));
     }
 
-    /// Matrices of all ranks, in columns of very different sizes, against faer.
+    /// Matrices of all ranks with columns of very different sizes, compared with faer.
     #[test]
     fn rotations_agree_with_the_other_decomposition() {
         let mut random = stream(7, &[]);

@@ -1,23 +1,23 @@
-//! Trigonometric interpolation of periodic samples at equal steps. A plain Fourier sum: a revolution has
-//! at most some hundred samples.
+//! Trigonometric interpolation of periodic samples at equal steps, by a plain Fourier sum: a revolution has at most
+//! a few hundred samples.
 
 use std::f64::consts::TAU;
 
 use faer::c64 as Complex64;
 
-/// The trigonometric polynomial of least degree through samples at θ_i = 2πi/N, i = 0..N.
+/// Trigonometric polynomial of least degree through samples at θ_i = 2πi/N, i = 0..N.
 ///
-/// With N even the highest term is a·cos(Nθ/2): its sine vanishes at all samples and is taken as 0
-/// (the interpolant of least variation).
+/// For even N the highest term is a·cos(Nθ/2). Its sine is zero at all samples and is set to 0 (the interpolant of
+/// least variation).
 #[derive(Debug, Clone)]
 pub struct Trigonometric {
     samples: usize,
-    /// Of exp(ikθ), k = 0..=N/2, folded: the function is Re Σ c_k exp(ikθ).
+    /// Coefficients of exp(ikθ), k = 0..=N/2, with ±k combined: the function is Re Σ c_k exp(ikθ).
     coefficients: Vec<Complex64>,
 }
 
 impl Trigonometric {
-    /// Interpolates `samples` of one full turn; none gives the zero function.
+    /// Interpolates `samples` of one full turn. Without samples the function is zero.
     pub fn new(samples: &[f64]) -> Self {
         let count = samples.len();
         if count == 0 {
@@ -25,7 +25,7 @@ impl Trigonometric {
         }
         let phase = |steps: usize| TAU * (steps % count) as f64 / count as f64;
         let coefficient = |order: usize| {
-            // ±k fold into one term; the mean and the Nyquist term have no counterpart.
+            // The terms ±k are combined into one. The mean and the Nyquist term have no counterpart.
             let folded = if order == 0 || 2 * order == count { 1.0 } else { 2.0 };
             let terms = samples.iter().enumerate();
             let sum: Complex64 = terms.map(|(i, v)| Complex64::cis(-phase(order * i)) * *v).sum();
@@ -50,7 +50,7 @@ impl Trigonometric {
         self.coefficients.get(order).map_or((0.0, 0.0), |c| (c.re, -c.im))
     }
 
-    /// The same function without the given harmonics (0 is the mean).
+    /// Returns the function without the given harmonics (0 is the mean).
     pub fn without(mut self, orders: &[usize]) -> Self {
         for order in orders {
             if let Some(coefficient) = self.coefficients.get_mut(*order) {

@@ -1,9 +1,9 @@
-//! Weights of three coordinates that are known together.
+//! Weighting of three correlated coordinates.
 
 use nalgebra::{Cholesky, Matrix3, U3};
 
-/// W with Wᵀ·W = Σ⁻¹: the inverse of the lower root L of `covariance` = L·Lᵀ, so that W·x has unit
-/// covariance. Not a number where `covariance` is not positive definite.
+/// W with Wᵀ·W = Σ⁻¹: the inverse of the lower root L of `covariance` = L·Lᵀ, so W·x has unit covariance. NaN if
+/// `covariance` is not positive definite.
 pub fn whitening(covariance: Matrix3<f64>) -> Matrix3<f64> {
     let inverse = |root: Cholesky<f64, U3>| root.l().try_inverse();
     covariance.cholesky().and_then(inverse).unwrap_or(Matrix3::repeat(f64::NAN))

@@ -1,22 +1,22 @@
-//! Statistics of a block of trials, and of blocks joined in order.
+//! Statistics of a block of trials, and of several blocks joined in order.
 
 use faer::Mat;
 
 use super::{Summary, numerical_tolerance};
 use crate::coverage::COVERAGE_PROBABILITY;
 
-/// One block: moments and interval of each output.
+/// Moments and coverage intervals of each output in one block of trials.
 pub(super) struct Block {
     trials: usize,
     mean: Vec<f64>,
-    /// Σ(x − mean)(x − mean)ᵀ.
+    /// Scatter matrix Σ(x − mean)(x − mean)ᵀ.
     scatter: Mat<f64>,
     interval: Vec<[f64; 2]>,
     shortest: Vec<[f64; 2]>,
 }
 
 impl Block {
-    /// From the values of the outputs, trials × outputs.
+    /// Computes the statistics from the values of the outputs, trials × outputs.
     pub(super) fn new(values: Mat<f64>) -> Self {
         let (trials, outputs) = (values.nrows(), values.ncols());
         let mut deviations = values;
@@ -45,7 +45,8 @@ impl Block {
     }
 }
 
-/// JCGM 101, 7.7.2: ranks r and r + q of the sorted values, q = p·M, r = (M − q)/2, rounded.
+/// Probabilistically symmetric interval (JCGM 101, 7.7.2): ranks r and r + q of the sorted values, q = p·M, r = (M
+/// − q)/2, rounded.
 fn symmetric_interval(sorted: &[f64], probability: f64) -> [f64; 2] {
     let count = sorted.len();
     let covered = covered(count, probability);
@@ -53,7 +54,7 @@ fn symmetric_interval(sorted: &[f64], probability: f64) -> [f64; 2] {
     [sorted[low_rank - 1], sorted[(low_rank + covered).min(count) - 1]]
 }
 
-/// JCGM 101, 7.7.4: of all intervals between ranks r and r + q the shortest.
+/// Shortest of all intervals between ranks r and r + q (JCGM 101, 7.7.4).
 pub(super) fn shortest_interval(sorted: &[f64], probability: f64) -> [f64; 2] {
     let covered = covered(sorted.len(), probability);
     let pairs = sorted.iter().zip(&sorted[covered..]);
@@ -61,7 +62,7 @@ pub(super) fn shortest_interval(sorted: &[f64], probability: f64) -> [f64; 2] {
     shortest.map_or([f64::NAN; 2], |(low, high)| [*low, *high])
 }
 
-/// q of JCGM 101, 7.7.
+/// Number of values in the interval: q of JCGM 101, 7.7.
 fn covered(count: usize, probability: f64) -> usize {
     ((probability * count as f64 + 0.5) as usize).min(count - 1)
 }
@@ -80,7 +81,7 @@ impl Joined {
         Self { trials: 0, mean: vec![0.0; outputs], scatter, blocks: Vec::new() }
     }
 
-    /// Moments are merged pairwise (Chan, Golub, LeVeque 1979).
+    /// Adds a block. The moments are merged pairwise (Chan, Golub, LeVeque 1979).
     pub(super) fn push(&mut self, block: Block) {
         let (before, added) = (self.trials as f64, block.trials as f64);
         let total = before + added;
@@ -95,8 +96,8 @@ impl Joined {
         self.blocks.push(block);
     }
 
-    /// JCGM 101, 7.9.4: twice the standard deviation of each block average (of mean, standard
-    /// deviation, both interval ends) within the numerical tolerance, for every output.
+    /// Stopping rule (JCGM 101, 7.9.4): for every output, twice the standard deviation of each block average (of
+    /// mean, standard deviation and both interval ends) is within the numerical tolerance.
     pub(super) fn is_stable(&self, digits: u32) -> bool {
         self.blocks.len() >= 2
             && (0..self.mean.len()).all(|j| {

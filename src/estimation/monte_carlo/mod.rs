@@ -1,6 +1,6 @@
-//! Monte Carlo propagation of distributions (JCGM 101), many trials at a time: observations, unknowns
-//! and outputs are columns over trials. Seeded: each chunk of trials draws from a stream of its own and
-//! results are joined in order, so that the number of threads does not change a bit of the answer.
+//! Monte Carlo propagation of distributions (JCGM 101), many trials at a time: observations, unknowns and outputs
+//! are columns over trials. The propagation is seeded: each chunk of trials draws from its own stream and the
+//! results are joined in order, so the result is identical to the bit for any number of threads.
 
 mod block;
 mod random;
@@ -14,22 +14,22 @@ use block::{Block, Joined};
 pub use random::Random;
 pub use shape::Shape;
 
-/// Trials of a block; its intervals are read from its own sorted values (JCGM 101, 7.9.4: at least
-/// 10⁴ for 95 %).
+/// Trials of a block. Coverage intervals are computed in each block from its sorted values (JCGM 101, 7.9.4: at
+/// least 10⁴ trials for 95 %).
 const BLOCK_TRIALS: usize = 10_000;
-/// Trials that share a random stream.
+/// Number of trials that share a random stream.
 const CHUNK_TRIALS: usize = 1_000;
-/// Trials of one call of `compute`; divides [`CHUNK_TRIALS`].
+/// Trials computed by one call of `compute`. It divides [`CHUNK_TRIALS`].
 const TRIALS_PER_CALL: usize = 200;
-/// Blocks between two looks at the stopping rule.
+/// Number of blocks between two evaluations of the stopping rule.
 const WAVE: usize = 4;
 
-/// How many trials.
+/// Number of trials.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trials {
     Fixed(usize),
-    /// Blocks of 10⁴ until means, standard deviations and interval ends of all outputs are stable
-    /// to `digits` significant digits of the standard deviation (JCGM 101, 7.9), or `max` trials.
+    /// Blocks of 10⁴ trials until means, standard deviations and interval ends of all outputs are stable to
+    /// `digits` significant digits of the standard deviation (JCGM 101, 7.9), or `max` trials.
     Adaptive {
         digits: u32,
         max: usize,
@@ -37,24 +37,24 @@ pub enum Trials {
 }
 
 impl Trials {
-    /// As many as a person asked for; 0 leaves it to the adaptive rule.
+    /// The requested number of trials, or the adaptive rule if `count` is 0.
     pub fn asked(count: usize, digits: u32, max: usize) -> Self {
         if count == 0 { Self::Adaptive { digits, max } } else { Self::Fixed(count) }
     }
 }
 
-/// What the trials show, one entry per output.
+/// Statistics of the trials, one entry per output.
 #[derive(Debug, Clone)]
 pub struct Summary {
     pub trials: usize,
-    /// Whether the adaptive rule was met; `true` for a fixed number.
+    /// Whether the adaptive rule was met. Always `true` for a fixed number.
     pub stable: bool,
     pub mean: Vec<f64>,
     pub standard_deviation: Vec<f64>,
     pub covariance: Mat<f64>,
-    /// Probabilistically symmetric 95.45 % coverage interval: mean of the blocks' intervals.
+    /// Probabilistically symmetric 95.45 % coverage interval: mean of the intervals of the blocks.
     pub interval: Vec<[f64; 2]>,
-    /// Shortest 95.45 % coverage interval, likewise.
+    /// Shortest 95.45 % coverage interval: mean of the intervals of the blocks.
     pub shortest: Vec<[f64; 2]>,
 }
 
@@ -63,18 +63,18 @@ pub struct Summary {
 pub struct TooFewTrials(pub usize);
 
 impl Summary {
-    /// Whether the trials contradict the standard uncertainty `u` of an output by first-order
-    /// propagation (JCGM 101, 8.1.3): by more than the numerical tolerance of a u stated with two
-    /// digits, and by more than the trials' own scatter.
+    /// Whether the trials contradict the standard uncertainty `u` of an output by first-order propagation (JCGM
+    /// 101, 8.1.3). The difference must exceed both the numerical tolerance of `u` with two digits and the trials'
+    /// own scatter.
     pub fn contradicts(&self, output: usize, u: f64) -> bool {
         let off = (u - self.standard_deviation[output]).abs();
         off > numerical_tolerance(u, 2) && off > 4.0 / (2.0 * self.trials as f64).sqrt() * u
     }
 }
 
-/// Monte Carlo propagation (JCGM 101) by trials in blocks. `compute` draws the inputs of so many trials
-/// from the stream that it is given and returns the outputs, trials × `outputs`. The same `seed` gives
-/// the same bytes, whatever the number of threads.
+/// Propagates distributions by Monte Carlo trials in blocks (JCGM 101). `compute` receives a stream and a number of
+/// trials, draws the inputs and returns the outputs, trials × `outputs`. The same `seed` gives the same bytes for
+/// any number of threads.
 ///
 /// # Errors
 /// Fewer than two trials.
@@ -106,7 +106,7 @@ pub fn propagate(
     Ok(joined.summary(digits.is_none()))
 }
 
-/// Nearly equal blocks of at least 10⁴ (fewer only when there are fewer in all).
+/// Sizes of nearly equal blocks of at least 10⁴ trials. A block is smaller only if `total` is smaller.
 fn block_sizes(total: usize) -> Vec<usize> {
     let blocks = (total / BLOCK_TRIALS).max(1);
     (0..blocks).map(|b| total / blocks + usize::from(b < total % blocks)).collect()

@@ -1,7 +1,6 @@
-//! Normal and rectangular deviates, many at once: eight lanes of xoshiro256++ (Blackman & Vigna 2019)
-//! and the transform of Box & Muller (1958), written without branches so that the compiler puts them
-//! into vector registers. Only +, −, ×, ÷, √ and integer steps are used, all exactly rounded: the
-//! numbers are the same on every machine.
+//! Normal and rectangular deviates in batches: eight lanes of xoshiro256++ (Blackman & Vigna 2019) and the
+//! transform of Box & Muller (1958), without branches so that the compiler vectorises the loops. Only +, −, ×, ÷, √
+//! and integer operations are used. All of them are exactly rounded, so the numbers are the same on every computer.
 
 use std::f64::consts::{LN_2, PI};
 
@@ -12,11 +11,11 @@ use super::Shape;
 use crate::random::stream;
 
 const LANES: usize = 8;
-/// Pairs of deviates made in one go.
+/// Number of pairs of deviates per batch.
 const PAIRS: usize = 256;
-/// Half a step of the angle, so that the angles lie symmetrically.
+/// Half a step of the angle, in half turns. It makes the angles symmetric about zero.
 const HALF_STEP: f64 = 1.0 / 16_777_216.0;
-/// The bits of 1.0.
+/// Bit pattern of 1.0 as `f64`.
 const ONE: u64 = 0x3FF0_0000_0000_0000;
 
 /// A stream of independent draws of mean 0 and variance 1.
@@ -27,7 +26,7 @@ pub struct Random {
 }
 
 impl Random {
-    /// The state of all lanes is taken from the [`stream`] of `seed` for `key`.
+    /// Creates the stream. The state of all lanes is drawn from the [`stream`] of `seed` for `key`.
     pub fn of(seed: u64, key: &[u64]) -> Self {
         let mut seeder = stream(seed, key);
         let state = std::array::from_fn(|_| std::array::from_fn(|_| seeder.next_u64()));
@@ -74,7 +73,7 @@ impl Random {
     }
 }
 
-/// At most [`PAIRS`] values.
+/// Fills at most [`PAIRS`] rectangular deviates.
 struct FillRectangular<'a> {
     lanes: &'a mut Xoshiro,
     values: &'a mut [f64],
@@ -85,7 +84,7 @@ impl WithSimd for FillRectangular<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        // √12 times [−½, ½).
+        // Scales the interval [−½, ½) to unit variance: √12.
         const WIDTH: f64 = 3.464_101_615_137_754_4;
         let mut bits = [0; PAIRS];
         self.lanes.fill(&mut bits);
@@ -95,7 +94,8 @@ impl WithSimd for FillRectangular<'_> {
     }
 }
 
-/// [`PAIRS`] pairs. Not a closure: only this form is inlined where the wide registers are in use.
+/// Fills [`PAIRS`] pairs of normal deviates. A struct instead of a closure: only this form is inlined with the wide
+/// registers enabled.
 struct FillPairs<'a> {
     lanes: &'a mut Xoshiro,
     first: &'a mut [f64],
@@ -115,8 +115,8 @@ impl WithSimd for FillPairs<'_> {
     }
 }
 
-/// Two independent normal deviates from 64 random bits: 40 for the radius (so it ends at 7.4), 23
-/// for the angle, one to choose the half turn.
+/// Two independent normal deviates from 64 random bits: 40 bits for the radius (at most 7.4), 23 for the angle, one
+/// for the half turn.
 #[inline(always)]
 fn normal_pair(bits: u64) -> (f64, f64) {
     // 2 − [1, 2) lies in (0, 1]: the logarithm is finite.
@@ -126,13 +126,13 @@ fn normal_pair(bits: u64) -> (f64, f64) {
     (signed * cos(angle), signed * sin(angle))
 }
 
-/// ln(x) for normal x > 0: exponent and mantissa in [√½, √2), then the series of artanh to
-/// 2e-11 absolute.
+/// ln(x) for normal x > 0: exponent plus mantissa in [√½, √2), the latter by the series of artanh, exact to 2e-11
+/// absolute.
 #[inline(always)]
 fn ln(x: f64) -> f64 {
     const SQRT_HALF: u64 = 0x3FE6_A09E_667F_3BCD;
     let bits = x.to_bits() + (ONE - SQRT_HALF);
-    // The biased exponent as a number, by way of the mantissa of 2⁵².
+    // The biased exponent as a number, computed through the mantissa of 2⁵².
     let exponent =
         f64::from_bits((bits >> 52) | 0x4330_0000_0000_0000) - (4_503_599_627_370_496.0 + 1023.0);
     let mantissa = f64::from_bits((bits & 0x000F_FFFF_FFFF_FFFF) + SQRT_HALF);
@@ -142,7 +142,7 @@ fn ln(x: f64) -> f64 {
     exponent * LN_2 + 2.0 * s * series
 }
 
-/// sin on [−π/2, π/2], Taylor to x¹⁵: 7e-12 absolute.
+/// sin on [−π/2, π/2], Taylor series to x¹⁵, error 7e-12 absolute.
 #[inline(always)]
 fn sin(x: f64) -> f64 {
     let q = x * x;
@@ -161,7 +161,7 @@ fn sin(x: f64) -> f64 {
     )
 }
 
-/// cos on [−π/2, π/2], Taylor to x¹⁴: 7e-11 absolute.
+/// cos on [−π/2, π/2], Taylor series to x¹⁴, error 7e-11 absolute.
 #[inline(always)]
 fn cos(x: f64) -> f64 {
     polynomial(
@@ -190,7 +190,7 @@ fn polynomial<const N: usize>(x: f64, coefficients: [f64; N]) -> f64 {
 struct Xoshiro([[u64; LANES]; 4]);
 
 impl Xoshiro {
-    /// Lane l gives elements l, l + 8, …; the length is a multiple of eight.
+    /// Fills `out`: lane l gives elements l, l + 8, …. The length is a multiple of eight.
     #[inline(always)]
     fn fill(&mut self, out: &mut [u64]) {
         let [mut s0, mut s1, mut s2, mut s3] = self.0;
@@ -257,7 +257,7 @@ mod tests {
         Random::of(7, &[1]).fill_normal(&mut values);
         let root = (COUNT as f64).sqrt();
         let average = |f: &dyn Fn(usize) -> f64| (0..COUNT).map(f).sum::<f64>() / COUNT as f64;
-        // Moments 1 to 4 within 4 of their standard deviations 1, √2, √15, √96.
+        // Moments 1 to 4 are within four of their standard deviations 1, √2, √15, √96.
         for (power, expected, deviation) in [
             (1, 0.0, 1.0),
             (2, 1.0, 2_f64.sqrt()),
@@ -267,7 +267,8 @@ mod tests {
             let moment = average(&|i| values[i].powi(power));
             assert!((moment - expected).abs() < 4.0 * deviation / root, "{power}: {moment}");
         }
-        // Neighbours, lanes, and the two of a pair, plain and squared.
+        // Correlation of neighbours, of lanes, and of the two members of a pair, of the values and of their
+        // squares.
         for lag in [1, LANES, PAIRS, 2 * PAIRS] {
             let plain = average(&|i| values[i] * values[(i + lag) % COUNT]);
             let squared =

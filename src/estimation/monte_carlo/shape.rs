@@ -1,4 +1,4 @@
-//! How one independent draw of a source is distributed.
+//! Distributions of the independent draws of an uncertainty source.
 
 /// Distribution of one independent draw of unit variance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,14 +2,14 @@ use faer::Mat;
 
 use super::*;
 
-/// A normal draw a and a rectangular one b, of unit variance: 3 + a/2 and 2a + b.
+/// Outputs 3 + a/2 and 2a + b of a normal draw a and a rectangular draw b, both of unit variance.
 fn two_outputs(random: &mut Random, trials: usize) -> Mat<f64> {
     let units = random.units(trials, &[Shape::Normal, Shape::Rectangular]);
     let (a, b) = units.split_at(trials);
     Mat::from_fn(trials, 2, |i, j| [3.0 + 0.5 * a[i], 2.0 * a[i] + b[i]][j])
 }
 
-/// Normal: mean 3, sd ½, interval 3 ± 1. The sum has mean 0 and variance 5.
+/// The normal output has mean 3, sd ½ and the interval 3 ± 1. The other one has mean 0 and variance 5.
 #[test]
 fn regress_known_distributions() {
     let found = propagate(Trials::Fixed(200_000), 11, 2, two_outputs).unwrap();
@@ -26,7 +26,7 @@ fn regress_known_distributions() {
     close(found.interval[0][1], 4.0, 0.5 * 2.8);
 }
 
-/// A rectangular distribution: the interval of 95.45 % is ±0.9545 half-widths, not ±2 u.
+/// Rectangular distribution: the 95.45 % interval is ±0.9545 half-widths, not ±2 u.
 #[test]
 fn regress_interval_of_a_rectangle() {
     let found = propagate(Trials::Fixed(100_000), 3, 1, |random, trials| {
@@ -36,7 +36,7 @@ fn regress_interval_of_a_rectangle() {
     .unwrap();
     assert!((found.interval[0][0] + 0.9545).abs() < 0.005, "{:?}", found.interval);
     assert!((found.interval[0][1] - 0.9545).abs() < 0.005);
-    // The scatter of 100 000 trials is 0.9 % at four standard deviations; a unit is 0.87 %.
+    // Four standard deviations of the trials' scatter are 0.9 % of u. Half a unit of the second digit is 0.87 %.
     let u = 1.0 / 3_f64.sqrt();
     assert!(!found.contradicts(0, u) && !found.contradicts(0, 1.006 * u));
     assert!(found.contradicts(0, 1.03 * u) && found.contradicts(0, 0.97 * u));
@@ -59,7 +59,7 @@ fn paper_jcgm_101_additive_model_at_95_percent() {
         let [low, high] = block::shortest_interval(&sums, 0.95);
         let digit = if u < 10.0 { 0.01 } else { 0.1 };
         assert!((variance.sqrt() - u).abs() < digit, "{} for {u}", variance.sqrt());
-        // The shortest of many is a little short, and it lies anywhere: its place is not told as well.
+        // The shortest of many intervals is slightly too short. Its position is not well defined and is not tested.
         assert!(((high - low) / 2.0 - half).abs() < 1.5 * digit, "{low} to {high} for {half}");
     }
 }
@@ -88,8 +88,8 @@ fn regress_adaptive_stops_when_stable_or_says_not() {
     assert!(!found.stable && found.trials == 40_000);
 }
 
-/// JCGM 101, 7.9.2, its examples: u = 0.000 35 g to two digits gives 0.000 005 g, u = 2 K to one
-/// digit 0.5 K.
+/// Examples of JCGM 101, 7.9.2: u = 0.000 35 g with two digits gives 0.000 005 g, u = 2 K with one digit gives 0.5
+/// K.
 #[test]
 fn paper_jcgm_101_numerical_tolerance() {
     assert!((numerical_tolerance(0.000_35, 2) - 0.000_005).abs() < 1e-15);

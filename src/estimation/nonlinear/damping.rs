@@ -1,28 +1,27 @@
-//! Levenberg–Marquardt: the step is held back where the model does not keep what its tangent
-//! promises.
+//! Levenberg–Marquardt: the step is damped where the model differs too much from its linearisation.
 
 use super::super::schur::{Factored, Rows, factor, held};
 use super::{Model, Place, square_sum};
 
-/// Where λ begins.
+/// Initial value of λ.
 const FIRST: f64 = 1e-3;
-/// What the scale of an unknown keeps from one place to the next.
+/// Fraction of the scale of an unknown that is kept from one iterate to the next.
 const MEMORY: f64 = 0.7;
-/// Length of the probes for the curvature, against the step (Transtrum and Sethna 2012).
+/// Step of the finite differences for the curvature, relative to the step (Transtrum and Sethna 2012).
 const PROBE: f64 = 0.1;
-/// A correction by the curvature may be this large against the step.
+/// Largest curvature correction, relative to the step.
 const BENT: f64 = 0.75;
-/// A step must take away this part of what it promises.
+/// A step is accepted if χ² decreases by more than this fraction of the predicted decrease.
 const KEPT: f64 = 1e-4;
-/// Beyond it a step is lost in the rounding of the unknowns.
+/// Largest λ. Beyond it the step is smaller than the rounding of the unknowns.
 const LARGEST: f64 = 1e30;
 
-/// λ and the scale of the unknowns, which it stands on (Marquardt 1963): the weighted column norm,
-/// as a maximum that forgets (Moré 1978 keeps it for ever), so that an unknown that mattered does
-/// not run away where it matters no more.
+/// λ and the scale of the unknowns to which it is relative (Marquardt 1963). The scale is the maximum of the
+/// weighted column norms and decays by [`MEMORY`] (Moré 1978 keeps the maximum for ever), so that an unknown
+/// does not diverge where its influence has become small.
 pub(super) struct Damping {
     lambda: f64,
-    /// By which λ grows at the next failure (Nielsen 1999): faster each time.
+    /// Factor by which λ grows at the next failure (Nielsen 1999). It increases with each failure.
     growth: f64,
     scale: Vec<f64>,
 }
@@ -32,8 +31,8 @@ impl Damping {
         Self { lambda: FIRST, growth: 2.0, scale: Vec::new() }
     }
 
-    /// The next place with a smaller χ²; `None` where nothing lessens it any more. `tangent` is the
-    /// model linearised at the place.
+    /// The next iterate with a smaller χ², or `None` if no step decreases χ². `tangent` is the model linearised at
+    /// `at`.
     pub(super) fn descend<R: Fn(&[f64]) -> Vec<Rows>, S: Fn(&[f64]) -> Vec<f64>>(
         &mut self,
         model: &Model<R, S>,
@@ -48,11 +47,11 @@ impl Damping {
             let velocity = held.unknowns_at(&coordinates);
             if let Some(step) = self.bend(model, at, &held, &velocity) {
                 let next = model.moved(at, &step);
-                // By how much χ² would be less if the model were linear.
+                // Decrease of χ² predicted by the linearised model.
                 let promise =
                     square_sum(&coordinates) + self.lambda * self.length(&velocity).powi(2);
                 let gain = (at.chi2 - next.chi2) / promise;
-                // Written so that a NaN is refused.
+                // The comparison rejects NaN.
                 if gain > KEPT {
                     self.relax(gain);
                     return Some(next);
@@ -74,8 +73,8 @@ impl Damping {
         }
     }
 
-    /// The step with half its geodesic acceleration (Transtrum and Sethna 2012): the model's second
-    /// derivative along it, from two more evaluations. `None` where the way bends too much.
+    /// The step plus half its geodesic acceleration (Transtrum and Sethna 2012): the second derivative of the model
+    /// along the step, from two more evaluations. `None` if the curvature is too large.
     fn bend<R, S: Fn(&[f64]) -> Vec<f64>>(
         &self,
         model: &Model<R, S>,

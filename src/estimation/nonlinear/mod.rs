@@ -1,6 +1,6 @@
-//! Nonlinear least squares: Gauss–Newton where the model keeps what its tangent promises, held back
-//! after Levenberg and Marquardt where it does not. One iteration for all: a dense problem is one
-//! block of [`Rows`] without unknowns of its own.
+//! Nonlinear least squares: Gauss–Newton where the linearised model predicts χ² well, damped after Levenberg and
+//! Marquardt elsewhere. Dense and block problems use the same iteration: a dense problem is one block of [`Rows`]
+//! without own unknowns.
 
 mod damping;
 
@@ -12,18 +12,18 @@ use damping::Damping;
 use super::linear::LinearError;
 use super::schur::{Factored, Rows, factor};
 
-/// Jacobians at most.
+/// Maximum number of Jacobian evaluations.
 const MOST_FACTORS: usize = 1000;
-/// Done when what is left after the next step is smaller than this, in standard uncertainties of all
-/// unknowns together: those from the given ones of the rows or those that the residuals show, whichever
-/// are smaller.
+/// The iteration ends if the distance that remains after the next step is smaller than this, in standard
+/// uncertainties of all unknowns together. The smaller of two standard uncertainties counts: from the given
+/// uncertainties of the rows, or from the residuals.
 const TOLERANCE: f64 = 1e-7;
-/// Of each term of a model, on its way to a residual.
+/// Rounding errors of each term of the model in a residual, in units of `f64::EPSILON`.
 const ROUNDINGS: f64 = 8.0;
-/// The undamped step is taken when it takes away this part of what it promises.
+/// The undamped step is taken if χ² decreases by at least this fraction of the predicted decrease.
 const KEPT: f64 = 0.9;
-/// Where it promises to lessen √χ² by less than about the square of this, it is taken unasked as long
-/// as steps shrink: the difference of two rounded sums says less than the step does.
+/// If the predicted relative decrease of √χ² is below about the square of this value, the undamped step is taken as
+/// long as steps become shorter. The difference of two rounded sums is less reliable there than the step.
 const NEAR: f64 = 1e-5;
 const SHRINKS: f64 = 0.98;
 
@@ -31,11 +31,11 @@ const SHRINKS: f64 = 0.98;
 #[derive(Debug, Clone)]
 pub struct Minimum {
     pub x: Vec<f64>,
-    /// Of the model linearised there, but for the last step, which was too short to matter.
+    /// Factorisation of the linearised model. The last step, which is negligible, is not included.
     pub factored: Factored,
-    /// Weighted: measured less model.
+    /// Weighted residuals: measured less model.
     pub residuals: Vec<f64>,
-    /// How often a Jacobian was needed.
+    /// Number of Jacobian evaluations.
     pub factors: usize,
 }
 
@@ -50,12 +50,12 @@ pub enum NonlinearError {
     Linear(#[from] LinearError),
 }
 
-/// The unknowns from `start` on at which the weighted squares are least. `rows` gives residuals and
-/// derivatives (of the model) at a point, `residuals` the residuals alone, weighted and in the same
-/// order. A model that cannot be evaluated there returns NaN.
+/// Minimises the weighted sum of squares from the initial unknowns `start`. `rows` returns residuals and
+/// derivatives of the model at a point. `residuals` returns the residuals alone, weighted and in the same order. A
+/// model returns NaN where it cannot be evaluated.
 ///
 /// # Errors
-/// Rows that do not separate the unknowns at the solution; no convergence.
+/// The rows do not determine the unknowns at the solution, or the iteration does not converge.
 pub fn minimise(
     start: Vec<f64>,
     rows: impl Fn(&[f64]) -> Vec<Rows>,
@@ -79,7 +79,8 @@ pub fn minimise(
         }
         match damping.descend(&model, &at, &factored) {
             Some(next) => (last, at) = (f64::INFINITY, next),
-            // Nothing lessens χ² any more: good enough if the rows' uncertainties would not show it.
+            // No step decreases χ²: accept the point if the remaining step is negligible against the rows'
+            // uncertainties.
             None if size <= TOLERANCE => return at.minimum(factored, factors),
             None => {
                 factored.checked()?;
@@ -121,15 +122,15 @@ impl Place {
     }
 }
 
-/// Written so that a NaN is refused.
+/// Whether the undamped step is accepted. The comparisons reject NaN.
 fn is_kept(size: f64, last: f64, at: &Place, next: &Place) -> bool {
     let promise = size * size;
     let near = promise <= NEAR * NEAR * at.chi2 && size < SHRINKS * last;
     at.chi2 - next.chi2 >= KEPT * promise || (near && next.chi2.is_finite())
 }
 
-/// Whether what is left after a step of this size from `at` is too small to be seen: steps shrink at
-/// least as they did from the `last` one to this. Or whether the step is rounding.
+/// Whether the error that remains after a step of this size from `at` is negligible, assuming that steps continue
+/// to shrink at least as they did from the `last` step to this one; or whether the step is only rounding.
 fn is_done(size: f64, last: f64, at: &Place, factored: &Factored) -> bool {
     let dof = at.residuals.len().saturating_sub(at.x.len());
     let shown = if dof > 0 { (at.chi2 / dof as f64).sqrt() } else { 1.0 };

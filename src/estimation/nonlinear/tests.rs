@@ -1,4 +1,4 @@
-//! One published problem and the typed failures; all of NIST's stand in tests/numerics/nist_strd.
+//! One published problem and the typed failures. The complete set of NIST problems is in tests/numerics/nist_strd.
 
 use super::*;
 use crate::linear::LinearError;
@@ -52,7 +52,7 @@ fn paper_nist_misra1a_certified_values() {
 fn regress_failures_are_typed() {
     let lost = minimise(vec![f64::NAN, 1e-4], misra, residuals);
     assert!(matches!(lost, Err(NonlinearError::Linear(LinearError::Malformed(_)))), "{lost:?}");
-    // A derivative of the wrong sign: no step lessens anything.
+    // A derivative of the wrong sign: no step decreases the sum of squares.
     let wrong = |x: &[f64]| {
         let mut rows = Rows::zeros(1, 0, 1);
         rows.set_value(0, 1.0 - x[0]);
@@ -61,7 +61,7 @@ fn regress_failures_are_typed() {
     };
     let stuck = minimise(vec![0.0], wrong, |x| vec![1.0 - x[0]]);
     assert!(matches!(stuck, Err(NonlinearError::NotConverged { .. })), "{stuck:?}");
-    // Only the sum of two unknowns is seen.
+    // The rows determine only the sum of two unknowns.
     let seen = |x: &[f64]| vec![4.0 - (x[0] + x[1]).powi(2); 2];
     let twice = |x: &[f64]| {
         let mut rows = Rows::zeros(2, 0, 2);
@@ -75,14 +75,14 @@ fn regress_failures_are_typed() {
     assert!(matches!(open, Err(NonlinearError::Linear(LinearError::RankDeficient(_)))), "{open:?}");
 }
 
-/// Points on lines through a common origin, at distances of their own: y = o + d_i·t, quadratic.
+/// Blocks with a common sine, and the product of a common unknown with an unknown of the block.
 #[test]
 fn regress_a_curved_model_is_followed_to_its_minimum() {
     let truth = [1.5, 0.7, 2.0, -1.0];
     let model = |x: &[f64], block: usize, t: f64| (x[0] * t).sin() + x[1] * x[2 + block] * t;
     let times: Vec<f64> = (1..8).map(|i| f64::from(i) * 0.2).collect();
     let noise = |block: usize, i: usize| 1e-3 * ((block * 7 + i) as f64 * 1.7).sin();
-    // The product needs a second view of x[1]: the last row of each block.
+    // The product needs a second observation of x[1]: the last row of each block.
     let values = |x: &[f64], block: usize| -> Vec<f64> {
         times.iter().map(|t| model(x, block, *t)).chain([x[1]]).collect()
     };
@@ -95,7 +95,7 @@ fn regress_a_curved_model_is_followed_to_its_minimum() {
             })
             .collect()
     };
-    // Once with each block's factor eliminated, once with all unknowns in one dense block.
+    // Solved once with each block's factor eliminated and once with all unknowns in one dense block.
     let rows = |x: &[f64], own: usize| {
         let y = residuals(x);
         let (blocks, common) = if own == 1 { (2, 2) } else { (1, 4) };

@@ -1,18 +1,20 @@
-//! Circle or sphere by Gauss–Newton steps from an algebraic start, for points of any number and kind.
+//! Circle or sphere fit by Gauss–Newton steps from an algebraic initial value, for any number and arrangement of
+//! points.
 
 use faer::Mat;
 
 use super::{Radial, RadialError, TOLERANCE};
 use crate::linear::{LinearProblem, LinearSolution, solve};
 
-/// Thickness over length below which points count as flat.
+/// Ratio of thickness to length below which the points count as flat.
 const FLATNESS: f64 = 1e-7;
 const MAX_STEPS: usize = 1000;
-/// Where the deviations are as large as the radius, steps become small slowly, or circle in their own
-/// rounding: after [`MAX_STEPS`] this is near enough.
+/// Tolerance of the step after [`MAX_STEPS`]. If the deviations are as large as the radius, the steps shrink slowly
+/// or alternate within their rounding, and this accuracy is sufficient.
 const SETTLED: f64 = 1e-9;
 
-/// Algebraic start (Kåsa 1976), then Gauss–Newton, each step halved until the deviations shrink.
+/// Fits by an algebraic initial value (Kåsa 1976), then Gauss–Newton with each step halved until the deviations
+/// decrease.
 pub(super) fn careful<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, RadialError> {
     if points.len() <= D {
         return Err(RadialError::TooFew(points.len()));
@@ -20,7 +22,7 @@ pub(super) fn careful<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, 
     if points.iter().flatten().any(|number| !number.is_finite()) {
         return Err(RadialError::NotFinite);
     }
-    // Near points differ by a number without rounding, wherever they stand.
+    // The differences of neighbouring points are exact, wherever the points are.
     let origin = points[0];
     let local: Vec<[f64; D]> =
         points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
@@ -48,7 +50,7 @@ fn converge<const D: usize>(
         let mut part = 1.0;
         at = loop {
             let next = at.moved(points, &step.x, part);
-            // Near the minimum the step knows better than the rounded distances.
+            // Near the minimum the step is more accurate than the rounded distances.
             if next.norm() <= at.norm() + at.rounding() {
                 break next;
             }
@@ -66,7 +68,7 @@ fn in_uncertainties(step: &LinearSolution) -> f64 {
     parts.fold(0.0, f64::max)
 }
 
-/// Minimiser of Σ(|p − c|² − r²)², on points reduced to their mean.
+/// Minimiser of Σ(|p − c|² − r²)², for points relative to their mean.
 fn algebraic_centre<const D: usize>(points: &[[f64; D]]) -> Result<[f64; D], RadialError> {
     let count = points.len();
     let mean: [f64; D] =
@@ -89,7 +91,7 @@ fn least_squares(a: &Mat<f64>, y: &[f64]) -> Option<LinearSolution> {
     solve(&LinearProblem { a, y, sigma: &sigma, constraints: None, rank_threshold: 1e-14 }).ok()
 }
 
-/// The points as seen from a centre.
+/// The points relative to a centre, in polar form.
 struct About<const D: usize> {
     centre: [f64; D],
     radius: f64,
@@ -98,7 +100,7 @@ struct About<const D: usize> {
 }
 
 impl<const D: usize> About<D> {
-    /// The radius that is best there is the mean distance.
+    /// The best radius for a given centre is the mean distance.
     fn new(points: &[[f64; D]], centre: [f64; D]) -> Self {
         let polar: Vec<([f64; D], f64)> = points.iter().map(|p| polar(p, &centre)).collect();
         let distances = polar.iter().map(|(_, distance)| distance);
@@ -124,14 +126,14 @@ impl<const D: usize> About<D> {
         self.residuals.iter().map(|r| r * r).sum::<f64>().sqrt()
     }
 
-    /// Of the norm, by that of the distances.
+    /// Rounding error of the norm, from that of the distances.
     fn rounding(&self) -> f64 {
         4.0 * f64::EPSILON * self.radius * (self.residuals.len() as f64).sqrt()
     }
 }
 
-/// Unit vector and distance from the centre. A point on the centre has no direction: it does not
-/// pull.
+/// Unit vector and distance from the centre. The direction of a point at the centre is the zero vector, so the
+/// point has no effect on the step.
 fn polar<const D: usize>(point: &[f64; D], centre: &[f64; D]) -> ([f64; D], f64) {
     let offset: [f64; D] = std::array::from_fn(|k| point[k] - centre[k]);
     let largest = offset.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));

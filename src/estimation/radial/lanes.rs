@@ -1,34 +1,33 @@
-//! Sums over very many points of a circle or sphere, several points at once: what one Gauss–Newton
-//! step needs.
+//! Sums over very many points of a circle or sphere for one Gauss–Newton step, several points at once.
 
 use pulp::Arch;
 
-/// How points are looked at: from a centre, with their directions in a frame of their own in which
-/// none of them is small beside the others for being seen from a small cap.
+/// Centre and radius of one step, and the frame of the directions. The directions are rotated and reduced by their
+/// mean, so that the sums over points on a small cap lose no digits.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame<const D: usize> {
-    /// Taken off first: near points differ from it by numbers without rounding.
+    /// Point that is subtracted first: the differences of neighbouring points are exact.
     pub origin: [f64; D],
-    /// From the origin.
+    /// Centre relative to the origin.
     pub centre: [f64; D],
     pub radius: f64,
-    /// Rows: orthogonal unit vectors.
+    /// Rotation of the directions. Its rows are orthogonal unit vectors.
     pub turn: [[f64; D]; D],
-    /// Taken off the turned directions: near their mean.
+    /// Value near the mean of the rotated directions, subtracted from them.
     pub mean: [f64; D],
 }
 
-/// v: turned direction less the frame's mean; r: distance less radius.
+/// Sums with v: rotated direction less the frame's mean, r: distance less radius.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sums<const D: usize> {
     pub v: [f64; D],
-    /// On and above the diagonal.
+    /// Entries on and above the diagonal.
     pub vv: [[f64; D]; D],
     pub vr: [f64; D],
     pub r: f64,
 }
 
-/// Points that go through the registers together.
+/// Number of points per vector register.
 const LANES: usize = 4;
 
 pub(super) fn sums<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sums<D> {
@@ -38,7 +37,7 @@ pub(super) fn sums<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sum
     )
 }
 
-/// Distances from the centre less the radius.
+/// Computes the distances from the centre less the radius.
 pub(super) fn residuals<const D: usize>(
     points: &[[f64; D]],
     frame: &Frame<D>,
@@ -69,7 +68,7 @@ fn in_lanes<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sums<D> {
     lanes.total().plus(&single.total())
 }
 
-/// The sums of each lane.
+/// Sums of each lane.
 struct Lanes<const D: usize, const L: usize> {
     v: [[f64; L]; D],
     vv: [[[f64; L]; D]; D],
@@ -136,7 +135,7 @@ impl<const D: usize> Sums<D> {
     }
 }
 
-/// From the centre, each direction of space with its lanes, and their length.
+/// Offsets from the centre, for each coordinate and lane, and their lengths.
 #[inline(always)]
 fn offsets<const D: usize, const L: usize>(
     points: &[[f64; D]; L],

@@ -1,6 +1,6 @@
-//! Circle or sphere of very many points: a few of them make the start, sums over all the steps. The
-//! gradient is summed from small numbers (deviations; directions less their mean, turned so that a
-//! narrow cap does not hide in a wide one), so that the squares of the normal equations cost no digits.
+//! Circle or sphere fit of very many points: the initial value comes from a subset, each step from sums over all
+//! points. The gradient is summed from small numbers (deviations; directions less their mean, rotated so that a
+//! narrow cap does not hide in a wide one), so the normal equations lose no digits by squaring.
 
 use faer::{Mat, Side};
 use rayon::prelude::*;
@@ -9,16 +9,16 @@ use super::gauss_newton::careful;
 use super::lanes::{Frame, Sums, residuals, sums};
 use super::{Radial, TOLERANCE};
 
-/// Fewer are for the careful way.
+/// Minimum number of points. Fewer are fitted by [`careful`].
 const MANY: usize = 1024;
-/// Of which the start is made.
+/// Number of points for the initial value.
 const FEW: usize = 256;
-/// More are not needed where points resemble a sphere at all.
+/// Maximum number of steps. Points that resemble a sphere need no more.
 const MAX_STEPS: usize = 12;
-/// Summed at once: what is added up in order afterwards does not depend on the threads.
+/// Points per parallel sum. The sums are added in order, so the result does not depend on the threads.
 const BLOCK: usize = 4096;
 
-/// `None`: too few, or something is the matter, which the careful way tells.
+/// `None`: too few points, or the fit fails. In both cases [`careful`] is used and returns the error.
 pub(super) fn fit<const D: usize>(points: &[[f64; D]]) -> Option<Radial<D>> {
     if points.len() < MANY {
         return None;
@@ -29,7 +29,7 @@ pub(super) fn fit<const D: usize>(points: &[[f64; D]]) -> Option<Radial<D>> {
     for _ in 0..MAX_STEPS {
         let all = total(points, &frame);
         let step = Step::new(&all, &frame, points.len())?;
-        // No way for plain steps.
+        // Plain Gauss–Newton steps do not converge.
         if step.size >= before {
             return None;
         }
@@ -42,7 +42,7 @@ pub(super) fn fit<const D: usize>(points: &[[f64; D]]) -> Option<Radial<D>> {
     None
 }
 
-/// Centre, radius and directions as a few of the points see them.
+/// Frame of the first step: centre, radius and directions from a subset of the points.
 fn frame<const D: usize>(points: &[[f64; D]]) -> Option<Frame<D>> {
     let few: Vec<[f64; D]> = points.iter().step_by(points.len() / FEW).copied().collect();
     let start = careful(&few).ok()?;
@@ -71,16 +71,16 @@ fn total<const D: usize>(points: &[[f64; D]], frame: &Frame<D>) -> Sums<D> {
 }
 
 struct Step<const D: usize> {
-    /// Of the centre, turned, and of the radius.
+    /// Step of the centre, in the rotated frame, and of the radius.
     centre: [f64; D],
     radius: f64,
     covariance: Mat<f64>,
-    /// Largest, in standard uncertainties that a radial deviation of one radius would cause.
+    /// Largest step, in standard uncertainties for a radial standard deviation of one radius.
     size: f64,
 }
 
 impl<const D: usize> Step<D> {
-    /// The radius is the mean that is left; without it D equations, nearly without each other.
+    /// Computes the step. The radius is eliminated as the mean. D nearly independent equations remain.
     fn new(all: &Sums<D>, frame: &Frame<D>, count: usize) -> Option<Self> {
         let n = count as f64;
         let mean = all.v.map(|v| v / n);
@@ -95,7 +95,7 @@ impl<const D: usize> Step<D> {
         let pull: [f64; D] = std::array::from_fn(|i| all.vr[i] - mean[i] * all.r);
         let centre: [f64; D] =
             std::array::from_fn(|i| (0..D).map(|j| inverse(i, j) * pull[j]).sum());
-        // Where the directions stand off from, they are from 0, not from their mean.
+        // The directions relative to 0, not relative to their mean.
         let whole: [f64; D] = std::array::from_fn(|i| frame.mean[i] + mean[i]);
         let radius = all.r / n - (0..D).map(|i| whole[i] * centre[i]).sum::<f64>();
         let covariance = covariance(inverse, &whole, n);
@@ -119,7 +119,7 @@ impl<const D: usize> Step<D> {
     }
 }
 
-/// Of the turned centre and the radius; `whole`: the mean direction.
+/// Covariance of the rotated centre and the radius. `whole`: the mean direction.
 fn covariance<const D: usize>(
     inverse: impl Fn(usize, usize) -> f64,
     whole: &[f64; D],
@@ -158,7 +158,8 @@ mod tests {
     use crate::random;
     use rand::RngExt;
 
-    /// A cap of `half` rad about a slanted axis, far from the origin, with deviations of `noise`.
+    /// A cap of half angle `half` rad about an inclined axis, far from the origin, with radial deviations of
+    /// `noise`.
     fn cap(count: usize, half: f64, noise: f64) -> Vec<[f64; 3]> {
         let mut stream = random::stream(7, &[count as u64]);
         let axis = nalgebra::Vector3::new(0.6, -0.3, 0.7).normalize();
@@ -175,7 +176,7 @@ mod tests {
         (0..count).map(point).collect()
     }
 
-    /// What the sums say is what the careful way says, and they do say it.
+    /// The fit by sums succeeds and agrees with the careful fit.
     #[test]
     fn many_points_have_the_same_sphere_by_sums() {
         for (half, noise) in [(1.5, 1e-3), (0.5, 0.1), (0.02, 1e-6), (0.5, 0.0)] {
@@ -207,7 +208,7 @@ mod tests {
         assert!(fit(&points).is_none());
         let flat: Vec<[f64; 3]> = cap(5000, 0.5, 1e-3).iter().map(|p| [p[0], p[1], 3.0]).collect();
         assert!(fit(&flat).is_none());
-        // No sphere at all: a cube full of points.
+        // Points that do not resemble a sphere: a cube filled at random.
         let mut stream = random::stream(8, &[]);
         let mut side = || stream.random_range(-1.0..1.0);
         let cube: Vec<[f64; 3]> = (0..5000).map(|_| [side(), side(), side()]).collect();

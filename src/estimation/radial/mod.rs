@@ -1,5 +1,5 @@
-//! What circle and sphere have in common: points at one distance from a centre, in D dimensions.
-//! The sum of the squared radial deviations is least (geometric or orthogonal distance fit).
+//! Common fit of circle and sphere: points at one distance from a centre, in D dimensions. It minimises the sum of
+//! the squared radial deviations (geometric or orthogonal distance fit).
 
 mod gauss_newton;
 mod lanes;
@@ -7,27 +7,27 @@ mod many;
 
 use faer::Mat;
 
-/// In the unit of the points.
+/// Least-squares circle or sphere, in the unit of the points.
 pub(super) struct Radial<const D: usize> {
     pub centre: [f64; D],
     pub radius: f64,
     /// Distance from the centre less radius, one per point.
     pub residuals: Vec<f64>,
-    /// Of centre and radius, for a standard uncertainty of 1 of each radial deviation.
+    /// Covariance of centre and radius, for a standard uncertainty of 1 of each radial deviation.
     pub covariance: Mat<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum RadialError {
     TooFew(usize),
-    /// The points lie in one line (D = 2) or plane (D = 3), or coincide.
+    /// The points are on one line (D = 2) or in one plane (D = 3), or coincide.
     Flat,
     NotFinite,
     NotConverged,
 }
 
-/// In standard uncertainties that a radial deviation of one radius would cause: what the rounding of
-/// the distances can cause.
+/// Tolerance of a step: the effect of the rounding of the distances, in standard uncertainties for a radial
+/// standard deviation of one radius.
 const TOLERANCE: f64 = 4e-15;
 
 /// Fits centre and radius.

@@ -1,10 +1,11 @@
-//! Gains and angles of sensors from the turns themselves: the eccentricity of the part, another one at each
-//! mounting, passes all radial sensors of a section alike. What is declared of the sensors is an observation of its
-//! own, so the mean gain and the mean angle of a section stay as declared, and all of a sensor that is not radial.
+//! Gains and angles of sensors from the scanned revolutions: the eccentricity of the part, which differs between
+//! mountings, is the same for all radial sensors of a section. The declared values of the sensors are additional
+//! observations. Therefore the mean gain and the mean angle of a section keep their declared values, and so do all
+//! values of a sensor that is not radial.
 //!
-//! First harmonic of the deviation that sensor i shows at mounting n, the part turning by σq:
-//! M = (1 + ε_i)·(P·e^(iσ(γ_i + δ_i)) + E_n·e^(−iσ(γ_i + δ_i))), P the error motion that turns against the part, E_n the
-//! eccentricity with all else that turns with it, both of the section.
+//! First harmonic of the deviation that sensor i measures at mounting n while the part turns by σq:
+//! M = (1 + ε_i)·(P·e^(iσ(γ_i + δ_i)) + E_n·e^(−iσ(γ_i + δ_i))), where P is the error motion that turns against the
+//! part, and E_n is the eccentricity with all other motion that turns with the part. Both belong to the section.
 
 use std::collections::BTreeSet;
 
@@ -13,36 +14,36 @@ use faer::{Mat, c64};
 use super::harmonics::HarmonicData;
 use crate::linear::{self, LinearError, LinearProblem, RANK_THRESHOLD};
 
-/// Gauss–Newton: the deviations are small, and the second iteration is exact to their square.
+/// Gauss–Newton iterations. The deviations are small, so the second iteration is exact to their square.
 const ITERATIONS: usize = 6;
 
-/// Standard uncertainty of what is exactly known.
+/// Standard uncertainty of a value that is known exactly.
 const EXACT: f64 = 1e-12;
 
-/// A sensor as declared.
+/// Declared properties of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeclaredSensor {
-    /// `None`: it is not radial.
+    /// Section of a radial sensor. `None`: the sensor is not radial.
     pub section: Option<usize>,
-    /// γ, counter-clockwise, rad.
+    /// γ, the angle of the sensor, counter-clockwise, rad.
     pub angle_rad: f64,
-    /// Standard uncertainties; that of the gain is relative.
+    /// Standard uncertainties of gain (relative) and angle.
     pub u_gain: f64,
     pub u_angle_rad: f64,
 }
 
-/// Deviations from what is declared.
+/// Deviations of the sensors from their declared gains and angles.
 #[derive(Debug, Clone)]
 pub struct SensorCalibration {
-    /// ε_i of all sensors, then δ_i, rad.
+    /// ε_i of all sensors, then δ_i of all sensors in rad.
     pub deviations: Vec<f64>,
     pub covariance: Mat<f64>,
 }
 
-/// Of all channels of `data`, from its first harmonic. `turn`: σ, ±1.
+/// Estimates the deviations of all channels of `data` from the first harmonic. `turn`: σ, ±1.
 ///
 /// # Errors
-/// Rows that do not determine P and E_n, such as those of one sensor in a section.
+/// The rows do not determine P and E_n, for example with one sensor in a section.
 pub fn calibrate_sensors(
     data: &HarmonicData,
     sensors: &[DeclaredSensor],
@@ -59,15 +60,15 @@ pub fn calibrate_sensors(
     Equations { data, sensors, turn, rows, sections, mountings }.solve()
 }
 
-/// Section and index.
+/// Section and index of a mounting.
 type Mounting = (Option<usize>, usize);
 
-/// Unknowns: gains, angles, P section by section, then E_n; of the complex ones real and imaginary part.
+/// Unknowns in order: gains, angles, P of each section, then E_n. A complex unknown is its real and imaginary part.
 struct Equations<'a> {
     data: &'a HarmonicData,
     sensors: &'a [DeclaredSensor],
     turn: f64,
-    /// Numbers of the rows of `data`.
+    /// Indices of the rows of `data`.
     rows: Vec<usize>,
     sections: Vec<Option<usize>>,
     mountings: Vec<Mounting>,
@@ -91,7 +92,7 @@ impl Equations<'_> {
             let mut sigma: Vec<f64> =
                 self.rows.iter().flat_map(|row| [sigma_mm[*row]; 2]).collect();
             if iteration > 1 {
-                // The motion is not quite the same at each mounting.
+                // The motion differs slightly between mountings.
                 let squares = y.iter().zip(&sigma).map(|(y, sigma)| (y / sigma).powi(2));
                 let scatter = (squares.sum::<f64>() / free as f64).sqrt().max(1.0);
                 sigma.iter_mut().for_each(|sigma| *sigma *= scatter);
@@ -111,7 +112,7 @@ impl Equations<'_> {
         Ok(SensorCalibration { deviations: x, covariance })
     }
 
-    /// Derivatives and residuals of the rows, real and imaginary part of each.
+    /// Derivatives and residuals of the rows, with real and imaginary part of each.
     fn rows_at(&self, x: &[f64]) -> (Mat<f64>, Vec<f64>) {
         let count = self.sensors.len();
         let complex = |first: usize| c64::new(x[first], x[first + 1]);

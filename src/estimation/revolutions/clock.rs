@@ -1,4 +1,4 @@
-//! A channel whose time stamps come from a clock of its own.
+//! Detection of a channel whose time stamps come from a separate clock.
 
 use std::f64::consts::TAU;
 
@@ -7,15 +7,17 @@ use faer::c64;
 use super::common::RowRevolutions;
 use super::harmonics::HarmonicBasis;
 
-/// A deviation of a clock must reduce the difference of revolutions to this part (of their squares).
+/// A clock deviation is accepted if it reduces the squared difference between revolutions to less than this
+/// fraction.
 const MAX_SLIP_SHARE: f64 = 0.25;
-/// A smaller deviation of a clock moves the twentieth harmonic by less than 15° in one revolution.
+/// Smallest relative clock deviation that is reported. A smaller one shifts the twentieth harmonic by less than 15°
+/// in one revolution.
 const MIN_CLOCK_ERROR: f64 = 2e-3;
-/// Largest deviation of a clock that is sought.
+/// Largest relative clock deviation in the search.
 const MAX_CLOCK_ERROR: f64 = 0.05;
 
-/// Relative deviation of the clock of one channel, whose pattern moves on from revolution to revolution. The
-/// revolutions of a row follow each other in time and direction. `None`: no clear deviation.
+/// Relative deviation of the clock of one channel, whose pattern shifts from revolution to revolution. The
+/// revolutions of a row are consecutive and in the same direction. `None`: no clear deviation.
 pub fn clock_error<'a>(rows: impl Iterator<Item = &'a RowRevolutions>) -> Option<f64> {
     let mut pairs: Vec<(usize, c64, c64)> = Vec::new();
     for row in rows {

@@ -9,11 +9,11 @@ pub struct Row {
     pub channel: usize,
 }
 
-/// Revolutions of one channel at one index, resampled to equal angles from 0 on.
+/// Revolutions of one channel at one index, resampled to equal angles that start at 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RowRevolutions {
     pub row: Row,
-    /// Revolutions × angles. Channels of one index have the same revolutions.
+    /// Values, revolutions × angles. All channels of one index have the same revolutions.
     pub revolutions: Vec<Vec<f64>>,
 }
 
@@ -47,7 +47,8 @@ pub fn common_revolutions(
     channels: &[Resampled],
 ) -> (Vec<RowRevolutions>, Vec<RejectedRevolutions>) {
     let Some(Resampled { steps, .. }) = channels.first() else { return Default::default() };
-    // Of the channels with the most whole revolutions: what another lacks at an end is a gap of its own.
+    // The channels with the most whole revolutions define the range. Missing samples at an end of another channel
+    // are a gap of that channel.
     let whole = |(from, to): (i64, i64)| usize::try_from(to - from + 1).unwrap_or(0) / steps;
     let most = channels.iter().map(|channel| whole(channel.ends())).max().unwrap_or(0);
     let ends = || channels.iter().map(Resampled::ends).filter(|ends| whole(*ends) == most);
@@ -83,7 +84,7 @@ pub fn append_revolutions(rows: &mut Vec<RowRevolutions>, more: Vec<RowRevolutio
     }
 }
 
-/// Removes the rows of an index that have fewer revolutions than its others.
+/// Removes the rows of an index that have fewer revolutions than the other rows, and returns their keys.
 pub fn split_incomplete(rows: &mut Vec<RowRevolutions>) -> Vec<Row> {
     let most = rows.iter().map(|row| row.revolutions.len()).max().unwrap_or(0);
     let incomplete = rows.extract_if(.., |row| row.revolutions.len() < most);

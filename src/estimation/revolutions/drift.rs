@@ -1,12 +1,12 @@
-//! A constant drift between the revolutions of a channel.
+//! Correction of a linear drift between the revolutions of a channel.
 
 use super::common::RowRevolutions;
 
 impl RowRevolutions {
-    /// Without a deviation that grows evenly with time. The revolutions follow each other and last equally long, the
-    /// first `forward` of them in the sense of the angle, the others against it. The mean over the revolutions at
-    /// each angle stays as it is: it is free of the drift where as many turn forward as backward, and then the drift
-    /// is no part of its scatter.
+    /// Returns the revolutions without a deviation that is linear in time. The revolutions are consecutive and of
+    /// equal duration: the first `forward` of them in the direction of the angle, the others in the opposite one.
+    /// The mean over the revolutions at each angle does not change. If as many revolutions turn forward as
+    /// backward, that mean is free of the drift, and the corrected revolutions scatter without it.
     pub fn without_drift(&self, forward: usize) -> Self {
         let count = self.revolutions.len();
         let samples = self.revolutions.first().map_or(0, Vec::len);

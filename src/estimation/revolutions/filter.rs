@@ -1,20 +1,20 @@
-//! The antialiasing low-pass over the angle: a sinc, cut off at half the output rate and bounded by a
-//! Kaiser window.
+//! Antialiasing low-pass filter over the angle: a sinc with cutoff at half the output rate, bounded by a Kaiser
+//! window.
 
 use std::f64::consts::PI;
 use std::fmt;
 
-/// Half width of the kernel, output steps. It is also the run-in before the first revolution and the
-/// run-out after the last.
+/// Half width of the kernel in output steps. It is also the run-in before the first revolution and the run-out
+/// after the last.
 pub const KERNEL_HALF_STEPS: usize = 6;
-/// Shape of the Kaiser window: −100 dB beyond [`ResampleFilter::stop_order`] (Kaiser's formula
-/// β = 0.1102·(A − 8.7)).
+/// Shape of the Kaiser window: −100 dB above [`ResampleFilter::stop_order`] (Kaiser's formula β = 0.1102·(A −
+/// 8.7)).
 const KAISER_BETA: f64 = 10.06;
-/// Half of the transition band over the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_STEPS`]).
+/// Half of the transition band relative to the output rate: (A − 8)/(2.285·2π)/(2·2·[`KERNEL_HALF_STEPS`]).
 const HALF_TRANSITION: f64 = 0.267;
-/// Kernel values a step; linear interpolation between them is exact to 1e-7.
+/// Kernel values per output step. Linear interpolation between them is exact to 1e-7.
 const TABLE_DENSITY: usize = 2048;
-/// The antialiasing low-pass of `steps` equal angles a revolution. Orders in undulations a revolution.
+/// Antialiasing low-pass filter for `steps` equal angles per revolution. Orders are in undulations per revolution.
 #[derive(Debug, Clone)]
 pub struct ResampleFilter {
     steps: usize,
@@ -51,23 +51,23 @@ impl ResampleFilter {
         self.steps
     }
 
-    /// Orders up to here pass unchanged to 1e-5.
+    /// Highest order that passes unchanged to 1e-5.
     pub fn pass_order(&self) -> usize {
         ((0.5 - HALF_TRANSITION) * self.steps as f64) as usize
     }
 
-    /// −6 dB.
+    /// Order of the −6 dB attenuation.
     pub fn cutoff_order(&self) -> usize {
         self.steps / 2
     }
 
-    /// Orders from here on are suppressed by 100 dB. Only orders from `steps` − k on alias into the
-    /// harmonic k, so none does into a harmonic up to [`pass_order`](Self::pass_order).
+    /// Lowest order that is suppressed by 100 dB. Only orders from `steps` − k on alias into the harmonic k, so no
+    /// order aliases into a harmonic up to [`pass_order`](Self::pass_order).
     pub fn stop_order(&self) -> usize {
         ((0.5 + HALF_TRANSITION) * self.steps as f64).ceil() as usize
     }
 
-    /// Kernel at the distance of `u` steps.
+    /// Kernel value at a distance of `u` output steps.
     pub fn weight(&self, u: f64) -> f64 {
         let position = u.abs() * TABLE_DENSITY as f64;
         let i = position as usize;

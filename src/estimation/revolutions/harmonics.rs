@@ -1,4 +1,4 @@
-//! Harmonics of the measured revolutions: mean, and scatter between revolutions.
+//! Harmonics of the measured revolutions: their means, and their scatter between revolutions.
 
 use std::f64::consts::TAU;
 
@@ -6,33 +6,33 @@ use faer::{Mat, c64};
 
 use super::common::{Row, RowRevolutions};
 
-/// The scatter of a harmonic is pooled with that of neighbouring harmonics up to these degrees of
-/// freedom: the expanded uncertainty is then within 5 % of that of a known scatter.
+/// Minimum degrees of freedom of a harmonic's scatter. It is pooled with neighbouring harmonics up to this number,
+/// with which the expanded uncertainty is within 5 % of that of a known scatter.
 const MIN_POOLED_DOF: f64 = 30.0;
-/// Smallest standard uncertainty of a harmonic, mm: below the resolution of any sensor, above rounding.
+/// Smallest standard uncertainty of a harmonic, mm. It is below the resolution of any sensor and above rounding.
 const MIN_SIGMA_MM: f64 = 1e-9;
 
-/// Covariance between channels, mm², of the cosine or sine part of one harmonic of one revolution.
+/// Covariance between channels, mm², of the cosine or sine part of one harmonic in one revolution.
 #[derive(Debug, Clone)]
 pub struct Scatter {
     pub covariance: Mat<f64>,
     pub dof: f64,
 }
 
-/// What the estimation takes of the samples.
+/// Harmonics of all rows with their scatter: the input of the estimation.
 #[derive(Debug, Clone)]
 pub struct HarmonicData {
     pub rows: Vec<Row>,
-    /// Revolutions behind the mean of each row.
+    /// Number of revolutions in the mean of each row.
     pub revolutions: Vec<usize>,
-    /// M_k, mm, mean over the revolutions: harmonics (from 1 on) × rows.
+    /// Mean of M_k over the revolutions, mm: harmonics (from order 1) × rows.
     pub means: Vec<Vec<c64>>,
-    /// One entry a harmonic.
+    /// Scatter of each harmonic.
     pub scatters: Vec<Scatter>,
 }
 
-/// M_k of harmonics 1..=`orders` of samples at equal angles from 0 on: samples × e^(−ikq)·2/T, one
-/// matrix product for many revolutions.
+/// Basis for M_k of the harmonics 1..=`orders` of samples at equal angles that start at 0: samples × e^(−ikq)·2/T,
+/// as one matrix product for many revolutions.
 pub struct HarmonicBasis(Mat<c64>);
 
 impl HarmonicBasis {
@@ -42,7 +42,7 @@ impl HarmonicBasis {
         Self(Mat::from_fn(samples, orders, |i, j| c64::cis(phase(i, j + 1)) * factor))
     }
 
-    /// Orders from 1 on.
+    /// Harmonics of one revolution, from order 1.
     pub fn harmonics(&self, samples: &[f64]) -> Vec<c64> {
         let Self(basis) = self;
         let column = |j: usize| basis.col_as_slice(j).iter().zip(samples);
@@ -51,11 +51,12 @@ impl HarmonicBasis {
 }
 
 impl HarmonicData {
-    /// Harmonics 1..=`orders` of the revolutions; the scatter from their differences.
+    /// Computes the harmonics 1..=`orders` of the revolutions, and the scatter from the differences between
+    /// revolutions.
     ///
     /// # Errors
-    /// Fewer than two revolutions at every index; rows that do not fit each other; fewer than
-    /// 2·`orders` + 1 samples a revolution.
+    /// Fewer than two revolutions at every index; rows that are inconsistent with each other; fewer than 2·`orders`
+    /// + 1 samples per revolution.
     pub fn from_revolutions(
         measured: &[RowRevolutions],
         orders: usize,
@@ -82,8 +83,8 @@ impl HarmonicData {
         })
     }
 
-    /// Independent channels with the declared standard uncertainty `u_mm` of one sample, `samples` a
-    /// revolution, one revolution a row: u(c) = u·√(2/T).
+    /// Data of independent channels with the declared standard uncertainty `u_mm` of one sample, `samples` per
+    /// revolution, one revolution per row: u(c) = u·√(2/T).
     pub fn declared(rows: Vec<Row>, means: Vec<Vec<c64>>, u_mm: f64, samples: usize) -> Self {
         let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
         let variance = u_mm * u_mm * 2.0 / samples as f64;
@@ -94,7 +95,7 @@ impl HarmonicData {
         Self { revolutions: vec![1; rows.len()], rows, means, scatters }
     }
 
-    /// The rows that `is_selected` accepts.
+    /// The data of the rows for which `is_selected` is true.
     pub fn selected(&self, is_selected: impl Fn(&Row) -> bool) -> Self {
         let kept: Vec<usize> =
             (0..self.rows.len()).filter(|i| is_selected(&self.rows[*i])).collect();
@@ -106,18 +107,18 @@ impl HarmonicData {
         }
     }
 
-    /// Highest harmonic.
+    /// Order of the highest harmonic.
     pub fn orders(&self) -> usize {
         self.means.len()
     }
 
-    /// Cosine parts of all rows, then the sine parts.
+    /// Observations of one harmonic: cosine parts of all rows, then sine parts of all rows.
     pub fn observations(&self, order: usize) -> Vec<f64> {
         let means = &self.means[order - 1];
         means.iter().map(|m| m.re).chain(means.iter().map(|m| -m.im)).collect()
     }
 
-    /// Observations of all harmonics, of one revolution a row: rows × angles.
+    /// Observations of all harmonics of one revolution per row (`revolutions`: rows × angles).
     pub fn observations_of(&self, revolutions: &[Vec<f64>]) -> Vec<f64> {
         let basis = HarmonicBasis::new(revolutions.first().map_or(0, Vec::len), self.orders());
         let all: Vec<Vec<c64>> = revolutions.iter().map(|of| basis.harmonics(of)).collect();
@@ -139,8 +140,8 @@ impl HarmonicData {
         half.repeat(2)
     }
 
-    /// Covariance of the observations of the harmonic, mm²: channels of one index scatter together where
-    /// the motion itself does (asynchronous part).
+    /// Covariance of the observations of the harmonic, mm². Channels of one index are correlated by the
+    /// asynchronous part of the error motion.
     pub fn covariance(&self, order: usize) -> Mat<f64> {
         let (rows, scatter) = (self.rows.len(), &self.scatters[order - 1].covariance);
         Mat::from_fn(2 * rows, 2 * rows, |i, j| {
@@ -153,7 +154,7 @@ impl HarmonicData {
     }
 }
 
-/// Of one harmonic, pooled over the indexes. Two real parts a difference.
+/// Scatter of one harmonic, pooled over the indexes. Each difference has two real parts.
 fn scatter(rows: &[Row], all: &[Vec<Vec<c64>>], means: &[c64], k: usize) -> Scatter {
     let channels = rows.iter().map(|row| row.channel + 1).max().unwrap_or(0);
     let mut sums: Mat<f64> = Mat::zeros(channels, channels);
@@ -172,7 +173,7 @@ fn scatter(rows: &[Row], all: &[Vec<Vec<c64>>], means: &[c64], k: usize) -> Scat
     Scatter { covariance: Mat::from_fn(channels, channels, entry), dof }
 }
 
-/// The mean over the harmonics `k` − w..=`k` + w, w as small as [`MIN_POOLED_DOF`] lets it be.
+/// Mean over the harmonics `k` − w..=`k` + w, with the smallest w that reaches [`MIN_POOLED_DOF`].
 fn pooled(own: &[Scatter], k: usize) -> Scatter {
     let window = |width: usize| &own[k.saturating_sub(width)..(k + width + 1).min(own.len())];
     let dof = |width: usize| window(width).iter().map(|scatter| scatter.dof).sum::<f64>();
@@ -200,7 +201,7 @@ pub enum RevolutionsError {
 }
 
 impl RevolutionsError {
-    /// What to do next.
+    /// Corrective action for the operator.
     pub fn remedy(&self) -> String {
         match self {
             Self::Single => "measure at least two revolutions at an index".to_owned(),

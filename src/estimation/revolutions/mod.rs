@@ -1,6 +1,6 @@
-//! Samples of several channels over revolutions of an axis to harmonics with their scatter: to equal angles by
-//! [`Resampler`] or from stops, the revolutions that all channels share, their harmonics; and what the samples show
-//! of a channel: saturation, a clock of its own, its gain and angle.
+//! Harmonics of several channels over revolutions of an axis, with their scatter. The steps: samples to equal
+//! angles by [`Resampler`] or from stops, selection of the revolutions that all channels share, harmonics.
+//! Detection of channel faults from the samples: saturation, a separate clock, gain and angle.
 
 mod calibration;
 mod clock;

@@ -1,15 +1,16 @@
-//! Samples at any angles to equal angles: the low-pass of `filter.rs`, integrated over the samples by the
-//! trapezoidal rule, so that uneven spacing, changes of speed, stops and small reversals of the encoder
-//! need no case of their own.
+//! Resampling from arbitrary angles to equal angles: the low-pass of `filter.rs`, integrated over the samples by
+//! the trapezoidal rule. Uneven spacing, changes of speed, stops and small reversals of the encoder therefore need
+//! no special case.
 
 use std::f64::consts::TAU;
 
 use super::filter::{KERNEL_HALF_STEPS, ResampleFilter};
 
-/// Longest distance of two samples, output steps: the images of sparser samples would pass the filter.
+/// Longest distance between two samples, in output steps. The spectral images of sparser samples would pass the
+/// filter.
 const MAX_GAP_STEPS: f64 = 1.0;
 
-/// A range of angles, counter-clockwise from `from_deg` to `to_deg`.
+/// Range of angles, counter-clockwise from `from_deg` to `to_deg`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AngleRange {
     pub from_deg: f64,
@@ -38,42 +39,42 @@ impl AngleRange {
 /// One sample of one channel.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Commanded angle, unwrapped: revolutions count on.
+    /// Commanded angle, unwrapped: it continues to grow from revolution to revolution.
     pub angle_rad: f64,
     pub value: f64,
-    /// Neither saturated nor flagged by the sensor.
+    /// Whether the sample is neither saturated nor flagged by the sensor.
     pub is_valid: bool,
 }
 
-/// Takes the samples of one channel over one scan, one at a time. Memory: the output angles.
+/// Resampler of one channel over one scan. It accepts one sample at a time and stores only the output angles.
 #[derive(Debug, Clone)]
 pub struct Resampler<'a> {
     filter: &'a ResampleFilter,
-    /// Number of the first output angle; angle = number·2π/steps.
+    /// Index of the first output angle: angle = index·2π/steps.
     first: i64,
-    /// Σ weight·value and Σ weight.
+    /// Σ weight·value and Σ weight at each output angle.
     sums: Vec<[f64; 2]>,
     is_covered: Vec<bool>,
-    /// Angle, steps, and value, of the last two valid samples.
+    /// Angle (output steps) and value of the last valid sample, and angle of the one before.
     before: Option<f64>,
     last: Option<(f64, f64)>,
     direction: f64,
     gaps: Vec<AngleRange>,
 }
 
-/// One channel of one scan at equal angles.
+/// One channel of one scan, resampled to equal angles.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Resampled {
     pub(super) steps: usize,
     first: i64,
-    /// `None`: too near a gap or an end.
+    /// Values at the output angles. `None`: too near a gap or an end of the scan.
     values: Vec<Option<f64>>,
-    /// Parts without valid samples that are too long, unwrapped.
+    /// Ranges without valid samples that are too long to interpolate, unwrapped.
     pub gaps: Vec<AngleRange>,
 }
 
 impl<'a> Resampler<'a> {
-    /// For a scan between two unwrapped angles, in either direction.
+    /// Creates the resampler of a scan between two unwrapped angles, in either direction.
     pub fn new(filter: &'a ResampleFilter, from_rad: f64, to_rad: f64) -> Self {
         let step = TAU / filter.steps() as f64;
         let (low, high) = (from_rad.min(to_rad) / step, from_rad.max(to_rad) / step);
@@ -91,7 +92,7 @@ impl<'a> Resampler<'a> {
         }
     }
 
-    /// All samples of a scan between two unwrapped angles.
+    /// Resamples all samples of a scan between two unwrapped angles.
     pub fn of_turn(filter: &ResampleFilter, ends_rad: [f64; 2], samples: &[Sample]) -> Resampled {
         let mut resampler = Resampler::new(filter, ends_rad[0], ends_rad[1]);
         samples.iter().for_each(|sample| resampler.push(*sample));
@@ -111,7 +112,7 @@ impl<'a> Resampler<'a> {
         self.last = Some((position, sample.value));
     }
 
-    /// Adds a sample with the length of its part of the path.
+    /// Adds a sample, weighted with the length of its part of the path.
     fn add(&mut self, position: f64, value: f64, length: f64) {
         let half = KERNEL_HALF_STEPS as f64;
         let from = (position - half).ceil() as i64 - self.first;
@@ -125,7 +126,7 @@ impl<'a> Resampler<'a> {
         }
     }
 
-    /// Marks the output angles between two neighbouring samples, or the gap.
+    /// Marks the output angles between two neighbouring samples as covered, or records the gap.
     fn cover(&mut self, from: f64, to: f64) {
         let (low, high) = (from.min(to), from.max(to));
         if high - low > MAX_GAP_STEPS {
@@ -166,7 +167,7 @@ impl<'a> Resampler<'a> {
 }
 
 impl Resampled {
-    /// Unwrapped angles, rad, and values, from the first angle with a value to the last; `None`: too near a gap.
+    /// Unwrapped angles in rad and values, from the first angle with a value to the last. `None`: too near a gap.
     pub fn points(&self) -> impl Iterator<Item = (f64, Option<f64>)> {
         let (from, to) = self.ends();
         let step = TAU / self.steps as f64;
@@ -174,7 +175,8 @@ impl Resampled {
         (from..=to).map(move |number| (number as f64 * step, value(number)))
     }
 
-    /// Of a turn with stops at `steps` equal angles a revolution; `values` from the angle of number `first` on.
+    /// Creates the result of a scan with stops at `steps` equal angles per revolution. `values` start at the angle
+    /// with the index `first`.
     pub(super) fn at_stops(steps: usize, first: i64, values: Vec<Option<f64>>) -> Self {
         let deg = |number: i64| number as f64 * 360.0 / steps as f64;
         let missing = (first..).zip(&values).filter(|(_, value)| value.is_none());
@@ -189,7 +191,8 @@ impl Resampled {
         Self { steps, first, values, gaps }
     }
 
-    /// The whole revolutions between two output angles, each from 0 on. `None`: with a gap.
+    /// The `count` whole revolutions from the output angle with the index `from`, each starting at angle 0. `None`:
+    /// the revolution has a gap.
     pub(super) fn revolutions(&self, from: i64, count: usize) -> Vec<Option<Vec<f64>>> {
         let value = |number: i64| {
             let cell = usize::try_from(number - self.first).ok()?;
@@ -204,7 +207,7 @@ impl Resampled {
         (0..count).map(revolution).collect()
     }
 
-    /// First and last angle with a value.
+    /// Indices of the first and the last angle with a value.
     pub(super) fn ends(&self) -> (i64, i64) {
         let first = self.values.iter().position(Option::is_some).unwrap_or(self.values.len());
         let last = self.values.iter().rposition(Option::is_some).map_or(-1, |i| i as i64);

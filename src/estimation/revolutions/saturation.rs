@@ -1,13 +1,14 @@
-//! Parts of a scan in which a channel is saturated.
+//! Detection of the ranges of a scan in which a channel is saturated.
 
 use super::resample::{AngleRange, Sample};
 
-/// Shortest saturation that counts.
+/// Shortest saturated range that is reported, degrees.
 const MIN_SATURATED_DEG: f64 = 2.0;
-/// A peak falls by three display steps over half of its flat top; a saturated one by more.
+/// Minimum fall of a saturated signal over half of its flat top, in display steps. An unsaturated peak falls by
+/// three.
 const MIN_CORNER_STEPS: f64 = 8.0;
 
-/// Parts of a scan in which a channel stays at its largest or smallest value, and which end in a corner.
+/// Ranges of a scan in which a channel stays at its largest or smallest value, and which end abruptly.
 pub(super) fn saturated_ranges(samples: &[Sample]) -> Vec<AngleRange> {
     let values = || samples.iter().map(|sample| sample.value);
     let (low, high) =
@@ -34,7 +35,7 @@ pub(super) fn saturated_ranges(samples: &[Sample]) -> Vec<AngleRange> {
     ranges
 }
 
-/// A value at which a channel is saturated is no measurement.
+/// Marks the samples in saturated ranges as invalid.
 pub fn reject_saturated(samples: &mut [Sample]) {
     let valid: Vec<Sample> = samples.iter().filter(|sample| sample.is_valid).copied().collect();
     let saturated = saturated_ranges(&valid);

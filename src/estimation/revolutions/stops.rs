@@ -1,4 +1,4 @@
-//! Samples taken at stops of equal angles.
+//! Values at stops of equal angles.
 
 use std::f64::consts::TAU;
 
@@ -7,37 +7,36 @@ use faer::Mat;
 use super::resample::{Resampled, Sample};
 use crate::linear::{self, LinearProblem, RANK_THRESHOLD};
 
-/// Share of the stops of a revolution that may be missing at most.
+/// Maximum share of the stops of a revolution that may be missing.
 const MAX_FILLED: f64 = 0.15;
-/// A sample is at a stop so near, in distances of two stops.
+/// Maximum distance of a sample from its stop, in distances between stops.
 const AT_STOP: f64 = 1e-6;
 
 /// A scan with stops at equal angles.
 #[derive(Debug, Clone, Copy)]
 pub struct Stops {
-    /// Stops in one revolution.
+    /// Number of stops in one revolution.
     pub steps: usize,
-    /// Unwrapped angles of the ends, in either order.
+    /// Unwrapped angles of the ends, in either order, rad.
     pub ends_rad: [f64; 2],
-    /// Harmonics that single missing stops are filled with. `None`: they stay missing.
+    /// Number of harmonics used to fill single missing stops. `None`: missing stops are not filled.
     pub filled_with: Option<usize>,
 }
 
 impl Stops {
-    /// Number of the stop at an unwrapped angle.
+    /// Index of the stop at an unwrapped angle.
     pub fn number(self, angle_rad: f64) -> i64 {
         (angle_rad.to_degrees() / 360.0 * self.steps as f64).round() as i64
     }
 
-    /// Whether all samples are at stops, none on the way between two.
+    /// Whether all samples are at stops and none is between two stops.
     pub fn contain_all(self, samples: &[Sample]) -> bool {
         let step = TAU / self.steps as f64;
         let is_at_stop = |angle: f64| (angle / step - (angle / step).round()).abs() < AT_STOP;
         samples.iter().all(|sample| is_at_stop(sample.angle_rad))
     }
 
-    /// The mean of the valid samples at each stop; the few that lack, from the harmonics of all others about
-    /// them.
+    /// Mean of the valid samples at each stop. A few missing stops are filled from the harmonics of the others.
     pub fn means(self, samples: &[Sample]) -> Resampled {
         let [one, other] = self.ends_rad.map(|end| self.number(end));
         let (first, last) = (one.min(other), one.max(other));
@@ -58,8 +57,8 @@ impl Stops {
     }
 }
 
-/// Fills single gaps of a revolution with the least squares of its mean and harmonics, so that its harmonics are
-/// those of the stops that are there. A longer gap, or many, stay.
+/// Fills single gaps of a revolution from the least-squares fit of its mean and harmonics, so that the harmonics of
+/// the filled revolution are those of the measured stops. Longer or more frequent gaps are not filled.
 fn fill(values: &mut [Option<f64>], harmonics: usize, positions: usize) {
     let missing: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_none()).collect();
     let known: Vec<usize> = (0..values.len()).filter(|i| values[*i].is_some()).collect();

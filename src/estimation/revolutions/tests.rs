@@ -11,7 +11,7 @@ use crate::monte_carlo::{Random, Shape};
 
 const STEPS: usize = 360;
 
-/// Angles of a table that slows down and speeds up by 40 %, on average `rate` samples a revolution.
+/// Angles of a table whose speed varies by 40 %, with `rate` samples per revolution on average.
 fn uneven_angles(rate: f64, revolutions: f64, is_backward: bool) -> Vec<f64> {
     let run_in = TAU * KERNEL_HALF_STEPS as f64 / STEPS as f64 + 1e-3;
     let count = ((revolutions * TAU + 2.0 * run_in) / TAU * rate).ceil() as usize + 200;
@@ -45,7 +45,7 @@ fn regress_sines_come_back_exactly() {
     let filter = ResampleFilter::new(STEPS);
     assert_eq!((filter.pass_order(), filter.cutoff_order(), filter.stop_order()), (83, 180, 277));
     for is_backward in [false, true] {
-        // Uneven samples, 1000 a revolution on average, 714 where the table is fastest.
+        // Uneven samples, 1000 per revolution on average, 714 where the table is fastest.
         let angles = uneven_angles(1000.0, 3.0, is_backward);
         for order in [1.0, 5.0, 20.0, 40.0] {
             let of = |angle: f64| (order * angle + 0.3).sin();
@@ -64,7 +64,7 @@ fn regress_sines_come_back_exactly() {
     }
 }
 
-/// Order 345 on 360 angles looks like order 15; without the filter its amplitude stays whole.
+/// Order 345 on 360 angles aliases to order 15. Without the filter its amplitude would be unchanged.
 #[test]
 fn regress_no_alias_of_high_orders() {
     let filter = ResampleFilter::new(STEPS);
@@ -87,7 +87,7 @@ fn regress_no_alias_of_high_orders() {
 fn regress_gaps_reject_their_revolution() {
     let filter = ResampleFilter::new(STEPS);
     let angles: Vec<f64> = (0..4300).map(|i| f64::from(i) * TAU / 1000.0).collect();
-    // 10° in the second revolution, saturated.
+    // Saturation over 10° in the second revolution.
     let is_valid = |angle: f64| !(490.0..500.0).contains(&angle.to_degrees());
     let gap = resampled(&filter, &angles, f64::sin, is_valid);
     let whole = resampled(&filter, &angles, f64::cos, |_| true);
@@ -100,14 +100,14 @@ fn regress_gaps_reject_their_revolution() {
             && rejected[0].channel == 1
             && text.contains("490.0° to 500.0°")
     );
-    // A channel saturated in every revolution leaves the other one whole.
+    // A channel that is saturated in every revolution does not affect the other channel.
     let always = |angle: f64| !(120.0..130.0).contains(&angle.to_degrees().rem_euclid(360.0));
     let lost = resampled(&filter, &angles, f64::sin, always);
     let (rows, rejected) = common_revolutions(4, &[whole, lost]);
     assert!(rows.len() == 1 && rows[0].revolutions.len() == 4 && rejected[0].rejected == 4);
 }
 
-/// The table stops for 500 samples in mid-turn; the encoder trembles.
+/// The table stops for 500 samples within a revolution, and the encoder jitters.
 #[test]
 fn regress_stops_and_tremble_change_nothing() {
     let filter = ResampleFilter::new(STEPS);
@@ -151,14 +151,15 @@ fn regress_saturation_over_ten_degrees() {
         assert!(found.iter().any(|range| is_near(range, 360.0)), "{found:?}");
         assert!(found.iter().any(|range| is_near(range, 720.0)), "{found:?}");
     }
-    // A display step of 0.5 µm flattens the peak over 11° by itself.
+    // A display step of 0.5 µm alone flattens the peak over 11°.
     for (noise_mm, step_mm) in [(0.0, 1e-6), (2e-5, 1e-5), (0.0, 5e-4)] {
         assert!(saturated_ranges(&scan(1.0, noise_mm, step_mm)).is_empty());
     }
 }
 
-/// Sensors about a part whose centre moves as computed point by point, each with a gain and an angle of its own: the
-/// differences of gains and angles come back, their mean stays as declared, and errors are as large as stated.
+/// Sensors around a part whose centre position is computed for each sample, each sensor with its own gain and
+/// angle. The calibration finds the differences of gains and angles, keeps their declared mean, and its errors
+/// match the stated uncertainty.
 #[test]
 fn regress_gains_and_angles_from_the_eccentricity() {
     const COUNT: usize = 90;
@@ -178,7 +179,7 @@ fn regress_gains_and_angles_from_the_eccentricity() {
                 let angles = (0..COUNT).map(|i| i as f64 * TAU / COUNT as f64);
                 let at = |q: f64| {
                     let (sin, cos) = (turn * q).sin_cos();
-                    // The eccentricity turns with the part; 0.8 µm of motion turns against it.
+                    // The eccentricity turns with the part. A motion of 0.8 µm turns against it.
                     let x = ex * cos - ey * sin + 0.8e-3 * cos;
                     let y = ex * sin + ey * cos - 0.8e-3 * sin;
                     let seen = x * place.cos() + y * place.sin();
@@ -218,7 +219,8 @@ fn regress_gains_and_angles_from_the_eccentricity() {
     }
 }
 
-/// The scatter of revolutions in both directions is that of their noise alone, and their mean stays.
+/// After the correction the scatter of the revolutions in both directions is that of their noise alone, and their
+/// mean is unchanged.
 #[test]
 fn regress_a_constant_drift_is_no_scatter() {
     const COUNT: usize = 36;
@@ -241,7 +243,7 @@ fn regress_a_constant_drift_is_no_scatter() {
         [&rows, &corrected].map(|rows| HarmonicData::from_revolutions(rows, 5).unwrap());
     let difference = before.means.iter().flatten().zip(after.means.iter().flatten());
     assert!(difference.map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) < 1e-12);
-    // Of one revolution: 2σ²/T.
+    // Variance in one revolution: 2σ²/T.
     let [with, without] =
         [&before, &after].map(|data| data.scatters[0].covariance[(0, 0)] * COUNT as f64 / 2.0);
     println!("variance with drift {with:.3}, without {without:.3}");

@@ -7,10 +7,10 @@ use crate::nonlinear::{NonlinearError, minimise};
 use crate::random::stream;
 
 const COMMON: usize = 5;
-/// Own unknowns and rows of the blocks: unequal, one of them tight.
+/// Numbers of own unknowns and of rows of each block. They are unequal, and one block has as many unknowns as rows.
 const SHAPES: [(usize, usize); 4] = [(3, 12), (6, 17), (3, 3), (1, 9)];
 
-/// Random rows, and the same as one dense matrix (unknowns: common, then blocks).
+/// Random rows as blocks, and the same rows as one dense matrix (unknowns: common, then blocks).
 fn random_problem(seed: u64) -> (Vec<Rows>, Mat<f64>, Vec<f64>) {
     let mut normal = StandardNormal.sample_iter(stream(seed, &[]));
     let mut next = || -> f64 { normal.next().unwrap() };
@@ -84,8 +84,8 @@ fn regress_as_a_dense_solve() {
     }
 }
 
-/// The second common unknown moves every row as the first unknown of the second block and the first
-/// common one do: rank 17 of 18, and the null vector is that combination.
+/// The column of the second common unknown is a combination of the columns of the first common unknown and of the
+/// first unknown of the second block. The rank is 17 of 18, and the null vector is that combination.
 #[test]
 fn regress_a_lost_direction_is_found_and_refused() {
     let build = |_: &[f64]| {

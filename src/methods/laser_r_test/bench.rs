@@ -1,4 +1,4 @@
-//! What stands in the spindle and on the table, and where the rotary axes go.
+//! Sensor in the spindle, sphere on the table, and positions of the rotary axes.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -14,18 +14,18 @@ use machine::{Axis, Position};
 
 const TILT_DEG: [f64; 7] = [-90.0, -60.0, -30.0, 0.0, 30.0, 60.0, 90.0];
 const TURN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
-/// Rounding of a limit in degrees.
+/// Tolerance of an axis limit, degrees.
 const SLACK: f64 = 1e-9;
 
-/// A rotary axis and its positions, degrees.
+/// A rotary axis and its positions in degrees.
 pub type Turned = (Axis, Vec<f64>);
 
-/// A plan with what this method needs of it at hand.
+/// A plan with the derived data that this method needs.
 pub struct Bench<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
     pub chain: Chain,
-    /// What looks at the sphere; the touch probe stands in it as one that sees its stylus' centre.
+    /// Sensor that measures the sphere. For the touch probe it is a stand-in whose zero point is the stylus centre.
     pub sensor: Sensor,
     pub balls: &'a Balls,
     pub ball: &'a Ball,
@@ -33,7 +33,7 @@ pub struct Bench<'a> {
 
 impl<'a> Bench<'a> {
     /// # Errors
-    /// No sensor, no sphere, a machine whose kinematics cannot be built.
+    /// There is no sensor or no sphere, or the kinematics of the machine cannot be built.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         settings.check()?;
         let chain = Chain::new(&plan.machine)?;
@@ -49,7 +49,7 @@ impl<'a> Bench<'a> {
         Vector3::from(self.sensor.zero_mm)
     }
 
-    /// Nominal direction in which readings grow, spindle frame.
+    /// Nominal direction of increasing readings, spindle frame.
     pub fn beam(&self) -> Vector3<f64> {
         unit_vector(Vector3::from(self.sensor.direction)).unwrap_or_default()
     }
@@ -58,21 +58,22 @@ impl<'a> Bench<'a> {
         Vector3::from(self.ball.centre_mm)
     }
 
-    /// From the spindle frame to the machine frame.
+    /// Rotation from the spindle frame to the machine frame.
     pub fn spindle(&self, rotary: &Position) -> Rotation3<f64> {
         self.chain.machine_from_spindle(rotary, &[]).rotation
     }
 
-    /// From X, Y, Z to how far the spindle stands from the table, machine frame.
+    /// Matrix from X, Y, Z to the displacement of the spindle relative to the table, machine frame.
     pub fn travel(&self, rotary: &Position) -> Matrix3<f64> {
         let table = self.chain.machine_from_table(rotary, &[]).rotation;
         table * self.chain.linear_jacobian(rotary, &[])
     }
 
-    /// X, Y, Z for a way of the spindle against the table, machine frame: the inverse of [`Bench::travel`].
+    /// Matrix from a displacement of the spindle relative to the table, machine frame, to X, Y, Z: the inverse of
+    /// [`Bench::travel`].
     ///
     /// # Errors
-    /// Linear axes that do not span space there.
+    /// The linear axes do not span space at these positions.
     pub fn axes_for(&self, rotary: &Position) -> Result<Matrix3<f64>, Refused> {
         let table = self.chain.machine_from_table(rotary, &[]).rotation;
         let from_table = self.chain.linear_inverse(rotary, &[])?;
@@ -83,29 +84,29 @@ impl<'a> Bench<'a> {
         self.settings.by == By::Probe
     }
 
-    /// From the sphere's centre to what is seen of it, mm: where it is touched, the stylus' centre.
+    /// Distance from the sphere's centre to the measured point, mm: for a touch, to the stylus centre.
     pub fn radius(&self) -> f64 {
         let stylus = if self.touches() { self.plan.probe.ball_radius_mm } else { 0.0 };
         self.ball.radius_mm + stylus
     }
 
-    /// Incidence limit, rad.
+    /// Incidence limit of the sensor, rad.
     pub fn limit(&self) -> f64 {
         self.sensor.incidence_limit_deg.to_radians()
     }
 
-    /// All rotary axes at zero.
+    /// Position with all rotary axes at zero.
     pub fn at_zero(&self) -> Position {
         let axes = self.chain.topology().axes().filter(|axis| !axis.is_linear());
         let axes = axes.filter(|axis| self.plan.machine.axes.contains_key(axis));
         axes.map(|axis| (axis, 0.0)).collect()
     }
 
-    /// Positions of the axis that tilts the table and of the one that turns it, zero first. An axis that
-    /// is not there has none.
+    /// Positions of the axis that tilts the table and of the axis that turns it, zero first. A missing axis has
+    /// none.
     ///
     /// # Errors
-    /// A named position outside the axis' limits; an axis that does not reach zero.
+    /// A configured position is outside the axis' limits, or an axis does not reach zero.
     pub fn positions(&self) -> Result<[Option<Turned>; 2], Refused> {
         let axes = of_table(&self.chain);
         let tilt = axes.iter().find(|axis| tilts(&self.chain, **axis));
@@ -174,7 +175,7 @@ fn ball<'a>(plan: &'a Plan, settings: &Settings) -> Result<(&'a Balls, &'a Ball)
     Ok((balls, found))
 }
 
-/// The stylus as a sensor that sees what it touches at no distance.
+/// The stylus as a sensor whose reading is always zero.
 fn stylus(plan: &Plan) -> Sensor {
     Sensor {
         name: "probe".to_owned(),
@@ -193,10 +194,10 @@ fn stylus(plan: &Plan) -> Sensor {
     }
 }
 
-/// The sensor that the settings name, of those that there are.
+/// Selects the sensor that the settings name, or the first one in the spindle.
 ///
 /// # Errors
-/// None, none of that name, one that looks nowhere.
+/// There is no sensor, none with that name, or its direction is zero.
 pub fn sensor<'a>(sensors: &'a [Sensor], settings: &Settings) -> Result<&'a Sensor, Refused> {
     let found = match settings.sensor.as_str() {
         "" => sensors.iter().find(|sensor| sensor.mount.is_spindle()),

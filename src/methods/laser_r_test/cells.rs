@@ -1,9 +1,9 @@
-//! The samples of a continuous scan, gathered where the machine was within a cell, so that the fit of all
-//! scans stays small. A cell has samples of all passes through it, forward and back.
+//! Samples of a continuous scan, grouped by cells of axis positions, so that the fit of all scans stays small. A
+//! cell holds the samples of all passes through it, forward and backward.
 //!
-//! The mean of samples on a sphere lies below its surface: by w²/24R along a way of w, 1.8 um for 0.65 mm
-//! on R = 10 mm. So not the samples are averaged but what they are off a sphere fitted to this scan alone;
-//! what is left of the chord is of the third order. No value is made where none was.
+//! The mean of samples on a sphere lies below its surface: by w²/24R along a path of w, 1.8 um for 0.65 mm on R =
+//! 10 mm. Therefore the deviations of the samples from a sphere fitted to this scan alone are averaged, not the
+//! samples. The remaining chord error is of third order. Cells without samples get no value.
 
 use std::collections::BTreeMap;
 
@@ -16,15 +16,15 @@ use super::track::Seen;
 use machine::Axis;
 use machine::frame::unit_vector;
 
-/// A way along a line needs so many samples.
+/// Minimum number of samples of a motion along one line.
 const LEAST_SAMPLES: usize = 10;
-/// Cosine of what a motion may deviate from its line.
+/// Minimum cosine of the angle between a motion and its line.
 const ALONG: f64 = 0.95;
-/// Two cells need this much room, mm.
+/// Minimum width of a cell, mm.
 const LEAST_MM: f64 = 0.01;
 
-/// Of this scan (its spots are not looked at): a spot of each cell, in the order of time, and within
-/// cells Σ(sample less mean)² in mm² with its degrees of freedom.
+/// One spot for each cell of this scan in the order of time, and the scatter within cells: Σ(sample less mean)² in
+/// mm² with its degrees of freedom. The spots of `scan` are not used.
 pub fn cells(bench: &Bench<'_>, scan: &Scanned, seen: &[Seen]) -> (Vec<Spot>, (f64, usize)) {
     let travel = bench.travel(&scan.rotary);
     let mut within = (0.0, 0);
@@ -56,7 +56,7 @@ pub fn cells(bench: &Bench<'_>, scan: &Scanned, seen: &[Seen]) -> (Vec<Spot>, (f
     (spots, within)
 }
 
-/// The samples of one scan by cells, these in the order of time.
+/// Groups the samples of one scan by cells. The cells are in the order of time.
 pub fn by_place<'a>(bench: &Bench<'_>, seen: &'a [Seen]) -> Vec<Vec<&'a Seen>> {
     let width = (extent(seen) / bench.settings.points.max(1) as f64).max(LEAST_MM);
     let (mut cells, mut numbers) = (Vec::<Vec<&Seen>>::new(), BTreeMap::new());
@@ -71,7 +71,7 @@ pub fn by_place<'a>(bench: &Bench<'_>, seen: &'a [Seen]) -> Vec<Vec<&'a Seen>> {
     cells
 }
 
-/// Longest side of what the scan covers, mm.
+/// Longest side of the range of the scan, mm.
 fn extent(seen: &[Seen]) -> f64 {
     let xyz = || seen.iter().map(|seen| seen.xyz);
     let most = xyz().fold(Vector3::repeat(f64::NEG_INFINITY), |most, xyz| most.sup(&xyz));
@@ -79,17 +79,17 @@ fn extent(seen: &[Seen]) -> f64 {
     (most - least).max()
 }
 
-/// The sphere as one scan alone sees it, with the nominal beam.
+/// Sphere fitted to one scan alone, with the nominal beam.
 pub struct Sphere {
     centre: Vector3<f64>,
     radius: f64,
-    /// Machine frame.
+    /// Direction of the beam, machine frame.
     beam: Vector3<f64>,
 }
 
 impl Sphere {
-    /// From X, Y, Z to the machine frame, and from the spindle frame. Nothing where the samples do not fix
-    /// it.
+    /// Fits the sphere. `travel`: from X, Y, Z to the machine frame. `spindle`: from the spindle frame to the
+    /// machine frame. `None`: the samples do not determine the sphere.
     pub fn of(
         bench: &Bench<'_>,
         (travel, spindle): (Matrix3<f64>, Rotation3<f64>),
@@ -115,7 +115,7 @@ impl Sphere {
         Some(Self { centre, radius: bench.radius(), beam: spindle * bench.beam() })
     }
 
-    /// What the sensor reads with the spindle at `at`; nothing beside the sphere.
+    /// Reading of the sensor with the spindle at `at`. `None`: the beam misses the sphere.
     pub fn reading(&self, at: Vector3<f64>) -> Option<f64> {
         let from = at - self.centre;
         let half = from.dot(&self.beam);
@@ -123,14 +123,14 @@ impl Sphere {
         (root > 0.0).then(|| -half - root.sqrt())
     }
 
-    /// Its derivative.
+    /// Derivative of [`reading`](Self::reading) with respect to `at`.
     pub fn slope(&self, at: Vector3<f64>) -> Option<Vector3<f64>> {
         let normal = at + self.beam * self.reading(at)? - self.centre;
         Some(-normal / normal.dot(&self.beam))
     }
 }
 
-/// The ways along `path` (X, Y, Z) of which there are too few samples, in words.
+/// Descriptions of the motions along `path` (X, Y, Z) that have too few samples.
 pub fn thin_ways(path: &[Vector3<f64>], seen: &[Seen]) -> Vec<String> {
     let mut thin: Vec<String> = Vec::new();
     for pair in path.windows(2) {
@@ -145,7 +145,7 @@ pub fn thin_ways(path: &[Vector3<f64>], seen: &[Seen]) -> Vec<String> {
     thin
 }
 
-/// The axis that moves most, with its sign.
+/// Name of the axis with the largest motion, with its sign.
 fn name(way: Vector3<f64>) -> String {
     let most = Axis::LINEAR.into_iter().zip(way.iter().copied());
     let most = most.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));

@@ -1,9 +1,9 @@
-//! From dwell points to the sphere's centres and the beam's direction (paper 2, Eqs. 5 and 6): the
-//! light spot p = p_c + d·t lies on a sphere of known radius about q′ = q + l. The zero position l is
-//! not told from the sphere's place here, and stands in the centre.
+//! From dwell points to the sphere's centres and the beam's direction (paper 2, Eqs. 5 and 6): the light spot p =
+//! p_c + d·t lies on a sphere of known radius about q′ = q + l. The zero position l is not separable from the
+//! position of the sphere here and is part of the centre.
 //!
-//! The norm of t is left free: it is the sensor's gain. Three heights tell it and the direction; what
-//! the direction is not known moves all centres alike, as all poses are scanned at one height.
+//! The norm of t is left free: it is the sensor's gain. Three heights determine the gain and the direction. An
+//! error of the direction shifts all centres alike, as all poses are scanned at one height.
 
 use machine::frame::unit_vector;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -13,9 +13,9 @@ use crate::identification::ObservationEquation;
 use estimation::nonlinear::{Minimum, NonlinearError, minimise};
 use estimation::schur::Rows;
 
-/// Unknowns of the beam: its lean along two directions across, its gain less 1.
+/// Number of unknowns of the beam: its tilt along two perpendicular directions, and its gain less 1.
 pub const BEAM: usize = 3;
-/// Index of the gain among them.
+/// Index of the gain among the unknowns of the beam.
 pub const GAIN: usize = 2;
 
 /// A dwell point of the fit.
@@ -23,42 +23,43 @@ pub const GAIN: usize = 2;
 pub struct Row {
     /// Index of the centre.
     pub group: usize,
-    /// How far the spindle stands from the table, machine frame.
+    /// Displacement of the spindle relative to the table, machine frame, mm.
     pub at: Vector3<f64>,
-    /// Spindle frame to machine frame.
+    /// Rotation from the spindle frame to the machine frame.
     pub spindle: Rotation3<f64>,
     pub value: f64,
-    /// Standard uncertainty of its distance from the centre, mm.
+    /// Standard uncertainty of the distance from the centre, mm.
     pub sigma: f64,
 }
 
 /// The fit of all scans.
 #[derive(Debug, Clone)]
 pub struct Centres {
-    /// Nominal direction, and two across: columns (across, across, along), spindle frame.
+    /// Nominal direction of the beam and two perpendicular directions. Columns (across, across, along), spindle
+    /// frame.
     pub frame: Matrix3<f64>,
     pub radius: f64,
-    /// Group after group.
+    /// Dwell points, group after group.
     pub rows: Vec<Row>,
     pub groups: usize,
-    /// Whether the beam is unknown; otherwise it is as in `held`.
+    /// Whether the beam is unknown. If not, it is given by `held`.
     pub free: bool,
-    /// Whether the radius of each scan is unknown: that of a touched sphere, with the probe's pre-travel
-    /// in it.
+    /// Whether the radius of each scan is unknown. This is the case for a touched sphere, as the radius includes
+    /// the probe's pre-travel.
     pub round: bool,
     pub held: [f64; BEAM],
 }
 
-/// Columns: two directions across the beam, nearly X and Y, and the beam.
+/// Columns: two directions perpendicular to the beam (nearly X and Y), and the beam.
 pub fn frame(beam: Vector3<f64>) -> Matrix3<f64> {
     let across = unit_vector(Vector3::x() - beam * beam.x).unwrap_or(Vector3::y());
     let other = across.cross(&beam);
-    // Of a beam that looks down, other is +Y.
+    // For a beam that points down, `other` is +Y.
     Matrix3::from_columns(&[across, other, beam])
 }
 
 impl Centres {
-    /// Unknowns of the beam.
+    /// Number of unknowns of the beam in this fit.
     pub fn common(&self) -> usize {
         if self.free { BEAM } else { 0 }
     }
@@ -67,7 +68,7 @@ impl Centres {
         if self.round { 4 } else { 3 }
     }
 
-    /// Where a centre's unknowns begin.
+    /// Index of the first unknown of a centre.
     pub fn first(&self, group: usize) -> usize {
         self.common() + self.own() * group
     }
@@ -76,24 +77,24 @@ impl Centres {
         if self.round { x[self.first(group) + 3] } else { self.radius }
     }
 
-    /// The beam, its norm the gain: spindle frame.
+    /// Vector of the beam in the spindle frame. Its norm is the gain.
     pub fn beam(&self, x: &[f64]) -> Vector3<f64> {
         let beam = if self.free { &x[..BEAM] } else { &self.held };
         self.frame * Vector3::new(beam[0], beam[1], 1.0 + beam[2])
     }
 
-    /// Centre of a group, machine frame as [`Row::at`].
+    /// Centre of a group, machine frame, relative to the same origin as [`Row::at`].
     pub fn centre(&self, x: &[f64], group: usize) -> Vector3<f64> {
         let first = self.first(group);
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
-    /// From the centre to the light spot.
+    /// Vector from the centre to the light spot.
     pub fn arm(&self, x: &[f64], row: &Row) -> Vector3<f64> {
         row.at + row.spindle * (self.beam(x) * row.value) - self.centre(x, row.group)
     }
 
-    /// Unweighted, outside the sphere: mm.
+    /// Distances of the dwell points from their spheres, positive outside, unweighted, mm.
     pub fn off(&self, x: &[f64]) -> Vec<f64> {
         let off = |row: &Row| self.arm(x, row).norm() - self.radius_of(x, row.group);
         self.rows.iter().map(off).collect()
@@ -119,12 +120,12 @@ impl Centres {
     }
 
     /// # Errors
-    /// Samples that do not fix all centres, or the beam.
+    /// The samples do not determine all centres or the beam.
     pub fn solve(&self) -> Result<Minimum, NonlinearError> {
         minimise(self.start(), |x| self.blocks(x), |x| self.weighted_change(&self.off(x)))
     }
 
-    /// A radius behind the mean light spot.
+    /// Initial values: each centre is one radius behind the mean light spot.
     fn start(&self) -> Vec<f64> {
         let mut x = vec![0.0; self.common()];
         for group in 0..self.groups {
@@ -136,7 +137,7 @@ impl Centres {
                 along = row.spindle * beam;
                 count += 1.0;
             }
-            // Touches stand all around.
+            // The touches surround the centre, so their mean is the initial value.
             let behind = if self.round { Vector3::zeros() } else { along * self.radius };
             x.extend(&(sum / count + behind));
             x.extend(self.round.then_some(self.radius));
@@ -162,13 +163,13 @@ impl ObservationEquation for Centres {
     }
 }
 
-/// What the sensor says of a distance, less 1: the fit's unknown is the distance of what it says.
+/// Deviation of the sensor's gain (reading per distance) from 1. The unknown of the fit is the inverse: distance
+/// per reading.
 pub fn sensor_gain(unknown: f64) -> f64 {
     1.0 / (1.0 + unknown) - 1.0
 }
 
-/// Whether these dwell points fix a centre: not if the normals lie in one plane through it, all on one
-/// great circle.
+/// Whether these dwell points determine a centre. They do not if all normals lie in one plane, on one great circle.
 pub fn fixes_centre(scan: &Scanned, beam: Vector3<f64>, radius: f64) -> bool {
     let points = scan.spots.iter().map(|spot| spot.at + scan.spindle * beam * spot.value);
     let points: Vec<Vector3<f64>> = points.collect();
@@ -182,5 +183,5 @@ pub fn fixes_centre(scan: &Scanned, beam: Vector3<f64>, radius: f64) -> bool {
     points.len() >= 4 && sum.determinant() > FLAT * (points.len() as f64 / 3.0).powi(3)
 }
 
-/// Determinant of Σn·nᵀ of a flat scan, against the greatest possible.
+/// Determinant of Σn·nᵀ relative to the largest possible one, below which a scan is flat.
 const FLAT: f64 = 1e-5;

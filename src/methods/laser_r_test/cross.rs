@@ -1,5 +1,5 @@
-//! One scan: two perpendicular lines through the pole that faces the beam, of dwell points; or walked
-//! forward and back while samples are taken.
+//! One scan: two perpendicular lines through the pole that faces the beam, either of dwell points or traversed
+//! forward and backward while samples are taken.
 
 use nalgebra::Vector3;
 
@@ -11,45 +11,45 @@ use machine::frame::unit_vector;
 use machine::record::plan::{Sampling, Scan, Step, StepKind};
 use machine::{Axis, Position};
 
-/// Where the sphere is thought to be.
+/// Expected position of the sphere and the sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
     /// The sensor's zero point, spindle frame.
     pub zero: Vector3<f64>,
-    /// Its direction, spindle frame.
+    /// Direction of the beam, spindle frame.
     pub beam: Vector3<f64>,
-    /// The sphere, table frame.
+    /// Centre of the sphere, table frame.
     pub ball: Vector3<f64>,
-    /// How far the sphere may be from there.
+    /// Largest distance of the sphere from its expected position, mm.
     pub doubt_mm: f64,
 }
 
-/// How a scan is walked.
+/// Motion of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Walk {
-    /// From dwell point to dwell point.
+    /// Dwell points with a stop at each.
     Rests,
-    /// On, at the feed.
+    /// Continuous motion at the first feed.
     Slow,
-    /// On, at the second feed.
+    /// Continuous motion at the second feed.
     Fast,
 }
 
-/// A scan that is wanted.
+/// A scan to be planned.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Wanted {
     pub rotary: Position,
-    /// Reading at the pole.
+    /// Nominal reading at the pole, mm.
     pub height_mm: f64,
     pub label: String,
-    /// Measured again at the end, and after a stop.
+    /// Whether the scan is a reference: repeated at the end and after an interruption.
     pub reference: bool,
     pub walk: Walk,
 }
 
 /// # Errors
-/// A sphere that is out of the sensor's range, seen too obliquely or from its stem's side, or out of the
-/// axes' reach.
+/// The sphere is out of the sensor's range, beyond the incidence limit, on the side of its stem, or out of the
+/// axes' travel.
 pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, Refused> {
     let half = half_mm(bench, place, &wanted.rotary)?;
     check_range(bench, place, wanted, half)?;
@@ -77,7 +77,7 @@ fn settled(bench: &Bench<'_>, walk: Walk) -> (f64, Sampling) {
     }
 }
 
-/// Half of a line: as far as the incidence limit allows with the sphere as far off as it may be.
+/// Half length of a line, mm: as far as the incidence limit allows for the largest position error of the sphere.
 fn half_mm(bench: &Bench<'_>, place: &Place, rotary: &Position) -> Result<f64, Refused> {
     let radius = bench.ball.radius_mm;
     let half = radius * bench.limit().sin() - place.doubt_mm;
@@ -116,7 +116,7 @@ fn check_range(
     half: f64,
 ) -> Result<(), Refused> {
     let radius = bench.ball.radius_mm;
-    // Where the scan is farthest from the pole with the sphere as far off as it may be.
+    // Largest distance from the pole, for the largest position error of the sphere.
     let reach = (half + place.doubt_mm).min(radius);
     let sag = radius - (radius * radius - reach * reach).sqrt();
     let [least, most] = bench.sensor.range_mm;
@@ -146,7 +146,8 @@ fn path(
     let rotary = &wanted.rotary;
     let centre = super::parameters::expected(&bench.chain, rotary, place.zero, place.ball)?;
     let axes_for = bench.axes_for(rotary)?;
-    // In motion along the axes alone: one that crept after the beam's lean would lose its motion unseen.
+    // In continuous motion the scan moves along the axes alone. Slow motion along the tilt of the beam would hide
+    // the lost motion of the axes.
     let beam = match wanted.walk {
         Walk::Rests => unit_vector(place.beam).unwrap_or_default(),
         _ => bench.beam(),
@@ -163,8 +164,8 @@ fn path(
     let end = |way: Vector3<f64>| above + way * half;
     let offsets: Vec<Vector3<f64>> = match wanted.walk {
         Walk::Rests => line(along).chain(line(across)).collect(),
-        // Each line from the pole to both ends and back: every way is gone both ways, so that what goes
-        // with the velocity cancels, and along the lines alone.
+        // Each line goes from the pole to both ends and back. Every section is traversed in both directions, so
+        // that effects proportional to velocity cancel.
         _ => [0.0 * along, along, -along, 0.0 * along, across, -across, 0.0 * along]
             .map(end)
             .to_vec(),

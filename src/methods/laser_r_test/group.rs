@@ -1,4 +1,4 @@
-//! Which scans see one and the same centre.
+//! Grouping of the scans that measure the same centre.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -12,35 +12,35 @@ use crate::Refused;
 use crate::identification::declared;
 use machine::{Axis, Position};
 
-/// Assumed standard deviation of one sample where nothing is declared and nothing is seen, mm.
+/// Assumed standard deviation of one sample if none is declared or observed, mm.
 const UNDECLARED_MM: f64 = 1e-3;
-/// No dwell point weighs more than one of this standard uncertainty, mm.
+/// Smallest standard uncertainty of a dwell point, which limits its weight, mm.
 const LEAST_MM: f64 = 1e-6;
 
-/// Scans of the sphere at one place.
+/// Scans of the sphere at one pose.
 #[derive(Debug, Clone)]
 pub struct Group {
     pub label: String,
-    /// All rotary axes.
+    /// Positions of all rotary axes.
     pub rotary: Position,
     pub t_s: f64,
-    /// From X, Y, Z to the machine frame.
+    /// Matrix from X, Y, Z to the machine frame.
     pub travel: Matrix3<f64>,
-    /// And back.
+    /// Matrix from the machine frame to X, Y, Z.
     pub axes_for: Matrix3<f64>,
-    /// Table frame to machine frame.
+    /// Rotation from the table frame to the machine frame.
     pub table: Rotation3<f64>,
 }
 
-/// Centres to be fitted, and what each row is.
+/// Centres to be fitted, and the origin of each row.
 pub struct Grouped {
     pub groups: Vec<Group>,
     pub centres: Centres,
-    /// Of each row: X, Y, Z, samples, time.
+    /// Axis positions, samples and time of each row.
     pub spots: Vec<Spot>,
-    /// Of each row: index of its scan, and of the dwell point in it.
+    /// For each row, the index of its scan and of the dwell point in the scan.
     pub from: Vec<(usize, usize)>,
-    /// Different heights among the scans that the beam is found from.
+    /// Number of different heights among the scans that determine the beam.
     pub heights: usize,
 }
 
@@ -49,7 +49,7 @@ pub fn noise_mm(bench: &Bench<'_>, observed: &Observed) -> f64 {
     let declared = bench.sensor.noise_um.map(|um| um * 1e-3);
     let seen = observed.scatter_mm();
     match (declared, seen, &observed.latency) {
-        // In motion the jitter of both clocks scatters as well.
+        // In motion, the jitter of both clocks adds to the scatter.
         (Some(declared), Some(seen), Some(_)) => declared.max(seen),
         _ => declared.or(seen).unwrap_or(UNDECLARED_MM),
     }
@@ -58,10 +58,10 @@ pub fn noise_mm(bench: &Bench<'_>, observed: &Observed) -> f64 {
 /// A group with its scans and their indices.
 type Member<'a> = (Group, Vec<(usize, &'a Scanned)>);
 
-/// Scans that do not fix a centre are taken out, and said in `left_out`.
+/// Groups the scans by pose. Scans that do not determine a centre are removed and reported in `left_out`.
 ///
 /// # Errors
-/// No scan left; linear axes that do not span space.
+/// No scan is left, or the linear axes do not span space.
 pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Refused> {
     let radius = bench.radius();
     let flat = |scan: &Scanned| !fixes_centre(scan, bench.beam(), radius);
@@ -74,8 +74,8 @@ pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Re
     let lines: Vec<String> = lines.collect();
     observed.left_out.extend(lines);
     observed.scans.retain(|scan| !flat(scan));
-    // What the latency was found from is not used a second time; and beside scans on the way not those at
-    // rest: nobody knows what the axes lost on their way to a point.
+    // Scans used for the latency are not used a second time. If there are continuous scans, dwell scans are not
+    // used either: their lost motion is unknown.
     let swept = observed.latency.is_some();
     let rests = |scan: &Scanned| scan.spots.iter().all(|spot| spot.velocity == Vector3::zeros());
     let only_before =
@@ -159,19 +159,19 @@ fn collect(bench: &Bench<'_>, observed: &Observed, members: Vec<Member<'_>>) -> 
     Grouped { groups, centres, spots, from, heights: most }
 }
 
-/// Least reading of a scan: that near the pole.
+/// Smallest reading of a scan, near the pole.
 fn pole(scan: &Scanned) -> f64 {
     scan.spots.iter().map(|spot| spot.value).fold(f64::INFINITY, f64::min)
 }
 
-/// Coarsest display, as a standard uncertainty.
+/// Coarsest display resolution of the linear axes as a standard uncertainty, mm.
 fn resolution_mm(bench: &Bench<'_>) -> f64 {
     let along = |axis: Axis| declared::resolution_mm(bench.plan, axis.direction());
     Axis::LINEAR.into_iter().map(along).fold(0.0, f64::max)
 }
 
 impl Group {
-    /// Axis positions of a centre given in the machine frame.
+    /// Axis positions X, Y, Z of a centre given in the machine frame.
     pub fn axes(&self, centre: Vector3<f64>) -> Vector3<f64> {
         self.axes_for * centre
     }

@@ -1,4 +1,4 @@
-//! Plan + readings → estimate.
+//! Identification: from plan and readings to the estimate.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -27,9 +27,9 @@ use machine::record::estimate::Estimate;
 use machine::record::reading::Reading;
 
 const MONTE_CARLO_SEED: u64 = 0x6c61_7365;
-/// Largest number of trials of the adaptive Monte Carlo propagation: a run time of seconds.
+/// Maximum number of trials of the adaptive Monte Carlo propagation. It limits the run time to seconds.
 const MAX_TRIALS: usize = 40_000;
-/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+/// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
 
 pub fn identify(bench: &Bench<'_>, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
@@ -37,7 +37,7 @@ pub fn identify(bench: &Bench<'_>, readings: &[Reading]) -> Result<Estimate, Ide
 }
 
 /// # Errors
-/// Readings of another plan, too few of them, unknowns that they do not tell apart.
+/// The readings belong to another plan, are too few, or do not determine the unknowns.
 pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>, IdentifyError> {
     let (observed, grouped, fitted) = spheres(bench, readings)?;
     let settings = bench.settings;
@@ -72,7 +72,7 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
     Ok(Parts { bench, observed, grouped, fitted, chosen, problem, minimum, names, identified })
 }
 
-/// The sphere's centres and the beam, from the samples that the incidence limit leaves.
+/// Fits the sphere's centres and the beam from the samples within the incidence limit.
 fn spheres(
     bench: &Bench<'_>,
     readings: &[Reading],
@@ -120,7 +120,7 @@ fn check_heights(bench: &Bench<'_>, observed: &Observed, grouped: &Grouped) -> R
     })
 }
 
-/// Takes samples beyond the incidence limit out and counts them. Whether there were any.
+/// Removes and counts samples beyond the incidence limit. Returns whether there were any.
 fn leave_out_oblique(
     bench: &Bench<'_>,
     observed: &mut Observed,
@@ -136,7 +136,7 @@ fn leave_out_oblique(
             beyond.push(*from);
         }
     }
-    // From the last on, so that the places before stay as they are.
+    // Remove from the end, so that the remaining indices stay valid.
     beyond.sort_unstable_by(|a, b| b.cmp(a));
     for (scan, place) in &beyond {
         let spot = observed.scans[*scan].spots.remove(*place);
@@ -145,7 +145,7 @@ fn leave_out_oblique(
     !beyond.is_empty()
 }
 
-/// At the centres of the fit `x`, with their `covariances` in the machine frame.
+/// Observations at the centres of the fit `x`, with their `covariances` in the machine frame.
 fn sights(grouped: &Grouped, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<Sight> {
     let groups = grouped.groups.iter().enumerate().zip(covariances);
     let sights = groups.map(|((i, group), covariance)| Sight {
@@ -155,7 +155,7 @@ fn sights(grouped: &Grouped, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<S
     sights.collect()
 }
 
-/// The sphere at each pose.
+/// One measurement for the sphere at each pose.
 fn measurements(problem: &Problem, groups: &[Group], misses: &[Vector3<f64>]) -> Vec<Measurement> {
     let all = problem.sights.iter().zip(groups).zip(misses).enumerate();
     let measurement =

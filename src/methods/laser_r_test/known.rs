@@ -1,4 +1,4 @@
-//! Where the sphere is known to be while the measurement goes on.
+//! Position of the sphere that the measurement has determined so far.
 
 use nalgebra::Matrix3;
 
@@ -10,22 +10,22 @@ use super::observe::observe;
 use crate::{IdentifyError, Refused};
 use machine::record::reading::Reading;
 
-/// How far the zero point may be from where it is stated, while it is not known better, mm.
+/// Largest distance of the zero point from its stated position before it is measured, mm.
 const ZERO_DOUBT_MM: f64 = 1.0;
-/// Assumed standard uncertainty of a centre while the measurement goes on, mm.
+/// Assumed standard uncertainty of a centre during the measurement, mm.
 const CENTRE_MM: f64 = 1e-3;
 
-/// As stated.
+/// Positions as stated in the plan.
 pub fn nominal(bench: &Bench<'_>) -> Place {
     let (zero, beam, ball) = (bench.zero(), bench.beam(), bench.centre());
     Place { zero, beam, ball, doubt_mm: 0.0 }
 }
 
-/// From what was measured so far, by the nominal machine: sphere, zero point and beam, each as far as
-/// the readings tell it.
+/// Positions of sphere, zero point and beam by the nominal machine, as far as the readings up to now determine
+/// them.
 ///
 /// # Errors
-/// Readings in which the sphere is not seen.
+/// The sphere is not found in the readings.
 pub fn known(bench: &Bench<'_>, readings: &[Reading]) -> Result<Place, Refused> {
     let nominal = nominal(bench);
     if readings.is_empty() {
@@ -62,7 +62,7 @@ pub fn known(bench: &Bench<'_>, readings: &[Reading]) -> Result<Place, Refused> 
     Ok(place)
 }
 
-/// The sphere may be no further from where it is stated than is stated.
+/// Checks that the sphere is not farther from its stated position than the stated uncertainty allows.
 fn check_place(bench: &Bench<'_>, place: &Place) -> Result<(), Refused> {
     let away = (place.ball - bench.centre()).norm() + (place.zero - bench.zero()).norm();
     let limit = 2.0 * bench.balls.uncertainty_mm + ZERO_DOUBT_MM;

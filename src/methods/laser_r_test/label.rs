@@ -1,17 +1,17 @@
-//! What the label of a step says: `pose/B-90/C60`: why it is measured, and where the rotary axes stand.
+//! Label of a step, e.g. `pose/B-90/C60`: the purpose of the scan and the positions of the rotary axes.
 
 use machine::Position;
 
-/// Why the sphere is scanned.
+/// Purpose of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Pass {
-    /// To find it; nothing is identified from it.
+    /// Search for the sphere. Nothing is identified from it.
     Find,
-    /// To find the latency between the sensor and the axis positions.
+    /// Measurement of the latency between the sensor and the axis positions.
     Latency,
-    /// One of the heights that the beam's direction is found from.
+    /// Scan at one of the heights that determine the beam's direction.
     Height,
-    /// To find its centre at one position of the rotary axes.
+    /// Measurement of the centre at one position of the rotary axes.
     Pose,
 }
 
@@ -28,7 +28,7 @@ impl Pass {
         NAMES.iter().find(|(_, name)| *name == first).map(|(pass, _)| *pass)
     }
 
-    /// `detail` tells scans at the same place apart.
+    /// Label of a step. `detail` distinguishes scans at the same position.
     pub fn label(self, detail: &str, rotary: &Position) -> String {
         let name = NAMES.iter().find(|(pass, _)| *pass == self).map_or("", |(_, name)| name);
         let parts = [name.to_owned(), detail.to_owned(), place(rotary, "", "", "/")];
@@ -36,7 +36,7 @@ impl Pass {
     }
 }
 
-/// e.g. `B -90°, C 60°`.
+/// Text such as `B -90°, C 60°`.
 pub fn in_words(at: &Position) -> String {
     place(at, " ", "°", ", ")
 }

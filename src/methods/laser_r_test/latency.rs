@@ -1,9 +1,9 @@
-//! The latency between sensor and axis positions, and how far the axes lag behind where they turn round,
-//! from passes forward and back at two feeds: the latency shifts a pass by the velocity, lost motion by its
-//! sign alone. At one feed both are the same.
+//! The latency between sensor and axis positions, and the lost motion of the axes at reversals, from forward and
+//! backward passes at two feeds. The latency shifts a pass in proportion to the velocity, lost motion only by its
+//! sign. At one feed they are not separable.
 //!
-//! Only passes through the same cell are compared: what the sphere, the sensor's curve and the lean of its
-//! beam add there is the same forward and back, and an unknown of the cell.
+//! Only passes through the same cell are compared. The contributions of the sphere, the sensor's linearity and the
+//! tilt of its beam are the same there in both directions, and are an unknown of the cell.
 
 use faer::Mat;
 use nalgebra::{Matrix3, Rotation3, Vector3};
@@ -17,40 +17,40 @@ use estimation::null_names::name_null_space;
 use estimation::schur::{Factored, Rows, factor};
 use machine::Axis;
 
-/// Assumed standard uncertainty of one sample; what comes out is scaled to what is seen, mm.
+/// Assumed standard uncertainty of one sample, mm. The result is scaled to the observed scatter.
 const SIGMA_MM: f64 = 1e-3;
-/// No sample is better, mm.
+/// Smallest standard uncertainty of a sample, mm.
 const LEAST_MM: f64 = 1e-6;
-/// Rounds after each of which the positions are looked up anew.
+/// Maximum number of iterations. Each one interpolates the positions again.
 const ROUNDS: usize = 30;
-/// Done when a round changes the latency by less, s, or by less than this part of its standard
-/// uncertainty.
+/// The iteration ends when the latency changes by less than this, s, or by less than the fraction [`SETTLED`] of
+/// its standard uncertainty.
 const SAME_S: f64 = 1e-8;
 const SETTLED: f64 = 0.05;
-/// In so many rounds it is chosen anew which samples can be trusted; then they stay, or some would come and
-/// go with every round.
+/// Iterations in which the reliable samples are selected again. Later the selection is fixed, otherwise some
+/// samples would alternate between iterations.
 const CHOICES: usize = 4;
-/// An unknown that the others make so many times more uncertain is not told from them. At two feeds in
-/// the ratio r, r > 1, it is (r + 1)/(r − 1).
+/// Largest ratio by which the other unknowns may increase an unknown's uncertainty. Beyond it the unknown counts as
+/// not separable. For two feeds in the ratio r, r > 1, it is (r + 1)/(r − 1).
 const MOST_INFLATED: f64 = 5.5;
 
-/// What was found.
+/// Estimated latency and lost motion.
 #[derive(Debug, Clone)]
 pub struct Latency {
-    /// The value stamped t + τ belongs to the position stamped t.
+    /// Latency τ, s: the value stamped t + τ belongs to the position stamped t.
     pub tau_s: f64,
-    /// Axes that moved.
+    /// Linear axes that moved.
     pub axes: Vec<Axis>,
-    /// By how much X, Y and Z lag behind the position shown after a motion forward, more than after one
-    /// back: lost motion is positive. 0 where it is not known.
+    /// Lag of X, Y and Z behind the indicated position after a forward motion less that after a backward motion,
+    /// mm. Lost motion is positive. 0 where it is unknown.
     pub lag: Vector3<f64>,
     /// Lower root of the covariance of τ (s) and of the lags of `axes` (mm).
     pub root: Mat<f64>,
-    /// Samples that it comes from.
+    /// Number of samples of the estimate.
     pub samples: usize,
 }
 
-/// One scan: from X, Y, Z to the machine frame, from the spindle frame, and the samples.
+/// One scan: transformation from X, Y, Z to the machine frame, rotation from the spindle frame, samples.
 pub struct Timed<'a> {
     pub travel: Matrix3<f64>,
     pub spindle: Rotation3<f64>,
@@ -58,12 +58,12 @@ pub struct Timed<'a> {
 }
 
 impl Latency {
-    /// Where the axes truly stood.
+    /// True positions of the axes, corrected for lost motion.
     pub fn true_xyz(&self, xyz: Vector3<f64>, toward: Vector3<f64>) -> Vector3<f64> {
         xyz - self.lag.component_mul(&toward) / 2.0
     }
 
-    /// By how much a greater τ, and greater lags, move that; per s and per mm.
+    /// Derivatives of the true position by τ (per s) and by the lags (per mm).
     pub fn columns(&self, velocity: Vector3<f64>, toward: Vector3<f64>) -> Vec<Vector3<f64>> {
         let lags = self.axes.iter().map(|axis| half_step(*axis, toward));
         std::iter::once(-velocity).chain(lags.map(|half| -half)).collect()
@@ -73,7 +73,7 @@ impl Latency {
         names(&self.axes)
     }
 
-    /// In the order of the names: s and mm.
+    /// Values in the order of the names, s and mm.
     pub fn values(&self) -> Vec<f64> {
         let lags = self.axes.iter().map(|axis| self.lag.dot(&axis.direction()));
         std::iter::once(self.tau_s).chain(lags).collect()
@@ -85,7 +85,7 @@ fn half_step(axis: Axis, toward: Vector3<f64>) -> Vector3<f64> {
 }
 
 /// # Errors
-/// No sample on the sphere; latency and lags that the passes do not tell apart.
+/// No sample is on the sphere, or the passes do not separate latency and lags.
 pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyError> {
     let (mut tau_s, mut chosen) = (0.0, Vec::new());
     for number in 0..ROUNDS {
@@ -113,7 +113,7 @@ pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyEr
     }))
 }
 
-/// The samples of one scan that can be trusted, by cells.
+/// The reliable samples of one scan, by cells.
 struct Chosen<'a> {
     scan: &'a Timed<'a>,
     cells: Vec<Vec<Seen>>,
@@ -132,23 +132,23 @@ impl<'a> Chosen<'a> {
     }
 }
 
-/// The samples as one latency places them.
+/// The samples at the positions that one value of the latency gives.
 struct Round {
     axes: Vec<Axis>,
-    /// Each with the samples of one scan in it.
+    /// Rows of each cell, from the samples of one scan.
     cells: Vec<Vec<Row>>,
 }
 
 struct Row {
-    /// What the sensor says beyond the sphere, mm.
+    /// Reading less that of the fitted sphere, mm.
     off: f64,
-    /// By how much τ (per s) and the lags (per mm) change that.
+    /// Derivatives of `off` by τ (per s) and by the lags (per mm).
     columns: Vec<f64>,
 }
 
 impl Round {
     /// # Errors
-    /// Too few samples.
+    /// There are too few samples.
     fn new(bench: &Bench<'_>, chosen: &[Chosen<'_>], tau_s: f64) -> Result<Self, IdentifyError> {
         let all = || chosen.iter().flat_map(|of| of.cells.iter().flatten());
         let moved = |k: usize| all().any(|one| one.toward[k] != 0.0);
@@ -210,7 +210,7 @@ impl Round {
     }
 
     /// # Errors
-    /// Unknowns that are told from the others not at all, or by no more than the little that ramps say.
+    /// Unknowns are not separable, or are separated only by the acceleration ramps.
     fn solve(&self) -> Result<(Factored, Vec<f64>), IdentifyError> {
         let (factored, _) = factor(self.blocks());
         let survey = factored.survey().map_err(|why| IdentifyError::Numerical(why.to_string()))?;
@@ -258,7 +258,7 @@ fn names(axes: &[Axis]) -> Vec<String> {
 const REMEDY: &str = "measure the stage `latency` whole: both lines forward and back, at feed_mm_min and at a \
                       fast_feed_mm_min that is half more at least; or measure anew with sampling = \"dwell\"";
 
-/// Told in words, but for what cells have to do with it.
+/// Refusal that names the unknowns that are not separable, without the unknowns of cells.
 fn untold(rank: &str, what: Vec<String>) -> IdentifyError {
     let named = |words: &String| words.contains("latency") || words.contains("reversal");
     let what: Vec<String> =
@@ -273,7 +273,7 @@ fn untold(rank: &str, what: Vec<String>) -> IdentifyError {
     })
 }
 
-/// The names of a combination that are not of cells.
+/// The names in a combination, without those of cells.
 fn without_cells(words: &str) -> String {
     let of = words.split(|c: char| c.is_whitespace() || "+-:=()".contains(c));
     let names = of.filter(|word| word.starts_with("latency") || word.starts_with("reversal"));

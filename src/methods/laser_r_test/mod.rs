@@ -1,5 +1,5 @@
-//! Location errors of rotary axes from one precision sphere: the laser R-test of paper 2 with a
-//! displacement sensor in the spindle (METHODS section 2), or chase-the-ball with the touch probe.
+//! Location errors of rotary axes from one precision sphere: the laser R-test of paper 2 with a displacement sensor
+//! in the spindle (METHODS section 2), or chase-the-ball with the touch probe.
 
 mod bench;
 mod cells;

@@ -1,10 +1,9 @@
 //! The equations of one sphere on a rotary table (paper 2, Eqs. 1 to 4, 16), with the exact chain.
 //!
-//! On the paper's machine, a B table with C on it, its five parameters are errors "relative to the
-//! previous axis", which is what a chain's errors are: α_BY = EA0B, β_BY = EB0B, γ_BY = EC0B,
-//! δx_CB = EX0C and α_CB = EA0C. In the machine's own coordinates ISO 230-1 would call the last two
-//! E_X0C − E_X0B and E_A0C − E_A0B. The paper's δx_BY, δy_BY, δz_BY are not told from where the sensor's
-//! zero point sits in the spindle: they stand in it.
+//! The five parameters of the paper's machine, a B table that carries C, are errors "relative to the previous
+//! axis", as are the errors of a chain: α_BY = EA0B, β_BY = EB0B, γ_BY = EC0B, δx_CB = EX0C and α_CB = EA0C. In the
+//! machine's own coordinates ISO 230-1 would call the last two E_X0C − E_X0B and E_A0C − E_A0B. The paper's δx_BY,
+//! δy_BY, δz_BY are not separable from the position of the sensor's zero point in the spindle and are part of it.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -16,8 +15,8 @@ use machine::{Position, frame::Point};
 
 use crate::identification::ObservationEquation;
 
-/// Unknowns beside the machine's errors: where the zero point sits (spindle frame), then where the
-/// sphere stands (table frame), both mm.
+/// Number of unknowns in addition to the machine's errors: the zero point (spindle frame), then the sphere's centre
+/// (table frame), both mm.
 pub const PLACES: usize = 6;
 
 /// The machine with its unknown errors.
@@ -47,14 +46,13 @@ impl Model {
         Vector3::from_column_slice(&x[first..first + 3])
     }
 
-    /// Where the zero point stands at the axis positions `at`, less where the sphere's centre is; table
-    /// frame, mm.
+    /// Zero point at the axis positions `at`, less the sphere's centre: table frame, mm.
     pub fn misclosure(&self, at: &Position, x: &[f64]) -> Vector3<f64> {
         let tip = Point::from_vec(self.zero(x));
         self.chain.tip_in_table(at, tip, &self.terms(x)).mm - self.ball(x)
     }
 
-    /// Its derivatives, in the order of the unknowns.
+    /// Derivatives of the misclosure, in the order of the unknowns.
     pub fn columns(&self, at: &Position, x: &[f64]) -> Vec<Vector3<f64>> {
         let terms = self.terms(x);
         let tip = Point::from_vec(self.zero(x));
@@ -68,12 +66,12 @@ impl Model {
     }
 }
 
-/// Where the axes stand when the zero point is at the sphere's centre, and how well that is known.
+/// Axis positions with the zero point at the sphere's centre, and their weight.
 #[derive(Debug, Clone)]
 pub struct Sight {
-    /// All axes.
+    /// Positions of all axes.
     pub at: Position,
-    /// From the table frame to weighted rows.
+    /// Matrix from the table frame to weighted rows.
     pub weight: Matrix3<f64>,
 }
 
@@ -82,8 +80,7 @@ pub struct Sight {
 pub struct Problem {
     pub model: Model,
     pub sights: Vec<Sight>,
-    /// A zero point known beforehand, and its standard uncertainty in mm: where it must be known before
-    /// all poses are measured.
+    /// Zero point known beforehand, and its standard uncertainty in mm. It is used before all poses are measured.
     pub hold: Option<(Vector3<f64>, f64)>,
 }
 
@@ -109,7 +106,7 @@ impl Problem {
         vec![rows]
     }
 
-    /// What the sights can tell of the unknowns, about `x`.
+    /// Analyses which unknowns the observations determine near `x`.
     pub fn survey(&self, x: &[f64]) -> Result<Survey, NonlinearError> {
         Ok(factor(self.rows(x)).0.survey()?)
     }
@@ -119,7 +116,7 @@ impl Problem {
     }
 }
 
-/// Observations: the sphere's centre at each sight, three coordinates in the table frame.
+/// Observations: the sphere's centre at each pose, three coordinates in the table frame.
 impl ObservationEquation for Problem {
     fn observations(&self) -> usize {
         3 * self.sights.len()
@@ -150,7 +147,7 @@ impl ObservationEquation for Problem {
     }
 }
 
-/// `rotary` with X, Y, Z.
+/// Position `rotary` with X, Y, Z added.
 pub fn placed(rotary: &Position, xyz: Vector3<f64>) -> Position {
     rotary.updated_by(&Position::from_xyz(xyz))
 }

@@ -1,4 +1,4 @@
-//! Readings → dwell points; of a continuous scan, cells (see `cells.rs`).
+//! From readings to dwell points, or to cells of a continuous scan (see `cells.rs`).
 
 use std::collections::BTreeMap;
 
@@ -16,41 +16,40 @@ use machine::Position;
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Sampling, Scan, Step};
 use machine::record::reading::{Flag, Reading};
 
-/// Axes that move less than this stand, mm.
+/// Largest motion of an axis that counts as standing still, mm.
 const STANDS_MM: f64 = 0.005;
 
-/// All scans, and what was not used.
+/// All scans, and the data that was not used.
 #[derive(Debug, Clone, Default)]
 pub struct Observed {
     pub scans: Vec<Scanned>,
-    /// Steps without anything to identify from, in words.
+    /// Descriptions of the steps that contain no usable data.
     pub left_out: Vec<String>,
-    /// Samples by why they were not used.
+    /// Number of unused samples by reason.
     pub excluded: BTreeMap<&'static str, usize>,
     pub samples: usize,
-    /// Within dwell points and cells: Σ(sample less mean)² in mm², and its degrees of freedom.
+    /// Scatter within dwell points and cells: Σ(sample less mean)² in mm², and its degrees of freedom.
     pub within: (f64, usize),
-    /// What continuous scans need; nothing where there are none.
+    /// Latency of the continuous scans. `None` if there are no continuous scans.
     pub latency: Option<Latency>,
-    /// Samples of continuous scans taken where an axis turned round, or without a position.
+    /// Number of samples of continuous scans at a reversal of an axis, or without a position.
     pub turning: usize,
-    /// Interruptions in the midst of what is measured: after what time, and how far a reference measured
-    /// again might lie from where it was, mm.
+    /// Interruptions of the measurement: time in s, and limit of the reference check in mm.
     pub stops: Vec<(f64, f64)>,
-    /// Ways of continuous scans with too few samples, in words.
+    /// Descriptions of motions of continuous scans with too few samples.
     pub thin: Vec<String>,
 }
 
-/// One measurement of the plan with what may be used of it.
+/// One measurement of the plan with its usable data.
 struct Raw {
     scanned: Scanned,
-    /// Of a continuous scan: its samples, and X, Y, Z of its path.
+    /// Samples of a continuous scan, and X, Y, Z of its path.
     track: Option<(Track, Vec<Vector3<f64>>)>,
     steps: usize,
 }
 
 impl Observed {
-    /// Standard deviation of one sample as the samples at dwell points show it, mm.
+    /// Standard deviation of one sample from the samples at dwell points, mm.
     pub fn scatter_mm(&self) -> Option<f64> {
         let (squares, dof) = self.within;
         (dof > 0).then(|| (squares / dof as f64).sqrt())
@@ -66,10 +65,10 @@ impl Observed {
     }
 }
 
-/// The newest readings of each scan of the plan, whether of poses, heights or the search.
+/// Reads the newest readings of each scan of the plan: poses, heights and search.
 ///
 /// # Errors
-/// A reading of no step of the plan.
+/// A reading belongs to no step of the plan.
 pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
     IdentifyError::check_steps(bench.plan, readings)?;
     let mut of_step: BTreeMap<u32, Vec<&Reading>> = BTreeMap::new();
@@ -97,7 +96,7 @@ pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, Iden
     Ok(observed)
 }
 
-/// What was measured after a stop lies as near to what was before as its references have shown.
+/// Times and limits of the interruptions. The limit is that of the reference measurements after the interruption.
 fn stops(plan: &Plan, readings: &[Reading]) -> Result<Vec<(f64, f64)>, IdentifyError> {
     let ordinary = |reading: &&Reading| reading.repeat < REPEAT_AFTER_STOP;
     let goes_on = |gap_s: f64| readings.iter().filter(ordinary).any(|reading| reading.t_s > gap_s);
@@ -118,7 +117,7 @@ fn stops(plan: &Plan, readings: &[Reading]) -> Result<Vec<(f64, f64)>, IdentifyE
     stops.collect::<Result<_, _>>().map_err(IdentifyError::Refused)
 }
 
-/// From the scans made for it.
+/// Estimates the latency from the latency scans.
 fn latency(bench: &Bench<'_>, raws: &[Raw]) -> Result<Option<Latency>, IdentifyError> {
     let timed = raws.iter().filter_map(|Raw { scanned, track, .. }| {
         let track = track.as_ref().filter(|_| scanned.pass == Pass::Latency);
@@ -130,7 +129,7 @@ fn latency(bench: &Bench<'_>, raws: &[Raw]) -> Result<Option<Latency>, IdentifyE
     if continuous { fit(bench, &timed).map(Some) } else { Ok(None) }
 }
 
-/// A measurement joins the others, the latency taken out of it.
+/// Adds a measurement to `observed`, corrected for latency and lost motion.
 fn placed(bench: &Bench<'_>, raw: Raw, observed: &mut Observed) {
     let Raw { mut scanned, track, steps } = raw;
     if let (Some((track, path)), Some(latency)) = (&track, &observed.latency) {
@@ -150,7 +149,8 @@ fn placed(bench: &Bench<'_>, raw: Raw, observed: &mut Observed) {
     }
 }
 
-/// What a step belongs to: a scan is a measurement by itself, touches share theirs.
+/// Label of the measurement of a step. A scan is a measurement of its own; the touches of one measurement share
+/// their label.
 fn measurement(step: &Step) -> &str {
     match step.scan {
         Some(_) => &step.label,
@@ -174,7 +174,7 @@ fn raw(
     let mut spots: Vec<Spot> = Vec::new();
     for reading in readings {
         observed.samples += 1;
-        // A touch is at no distance.
+        // A touch has the distance 0.
         let value = if step.scan.is_some() { reading.value_mm } else { Some(0.0) };
         let Some(value) = value.filter(|_| reading.flag == Flag::None) else {
             let why = if reading.flag == Flag::None { "no value" } else { reading.flag.as_str() };
@@ -201,8 +201,8 @@ fn on_the_way(scan: &Scan) -> bool {
     matches!(scan.sampling, Sampling::Continuous { .. })
 }
 
-/// Samples are of one point as long as the axes stand; of touches each is by itself.
-/// Where the axes stood decides, not the plan: its points may have been others when it was measured.
+/// Groups samples into points. Samples at unchanged axis positions belong to one point; each touch is a point. The
+/// measured positions are used, not those of the plan, which may differ.
 fn points(step: &Step, spots: Vec<Spot>) -> Vec<Vec<Spot>> {
     let dwells = |scan: &Scan| matches!(scan.sampling, Sampling::Dwell { .. });
     let mut points: Vec<Vec<Spot>> = Vec::new();

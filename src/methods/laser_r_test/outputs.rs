@@ -1,4 +1,4 @@
-//! Reported quantities and figures.
+//! Outputs of the method: reported quantities and figures.
 
 use std::iter::{once, repeat};
 
@@ -17,8 +17,8 @@ use machine::record::estimate::{
 };
 use machine::{Axis, Position};
 
-/// Lean of the beam from its nominal direction along the two directions across (X and Y of a beam that
-/// looks down), and deviation of the sensor's scale from 1.
+/// Outputs of the beam: tilt from its nominal direction along two perpendicular directions (X and Y for a beam that
+/// points down), and deviation of the sensor's scale from 1.
 const BEAM_NAMES: [&str; BEAM] = ["beam_x", "beam_y", "gain"];
 const BEAM_UNITS: [Unit; BEAM] = [Unit::Urad, Unit::Urad, Unit::UmPerM];
 
@@ -34,7 +34,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     }
 }
 
-/// Of the unknowns `x`: those with `names` (machine, zero point, sphere), the beam's, the latency's.
+/// Outputs for the unknowns `x`: machine, zero point and sphere (with `names`), then the beam, then the latency.
 pub fn outputs(
     problem: &Problem,
     names: &[String],
@@ -58,15 +58,14 @@ pub fn outputs(
     Outputs { parameters, ..Outputs::default() }
 }
 
-/// Position of the sphere by the machine with the errors in `x`, less its estimated one; machine frame,
-/// mm.
+/// Position of the sphere by the machine with the errors in `x`, less its estimated position: machine frame, mm.
 pub fn misses(problem: &Problem, groups: &[Group], x: &[f64]) -> Vec<Vector3<f64>> {
     let sights = problem.sights.iter().zip(groups);
     sights.map(|(sight, group)| group.table * problem.model.misclosure(&sight.at, x)).collect()
 }
 
-/// Measured less commanded place of the sphere at each pose, in the machine frame (paper 2, Fig. 9): the
-/// commanded one follows from where the sphere and the zero point are, by a machine without errors.
+/// Measured less commanded position of the sphere at each pose, machine frame (paper 2, Fig. 9). The commanded
+/// position follows from the positions of sphere and zero point on a machine without errors.
 fn deviations(parts: &Parts<'_>, misses: &[Vector3<f64>]) -> ArrowFigure {
     let mut without = parts.minimum.x.clone();
     let errors = parts.problem.model.parameters.len();
@@ -82,7 +81,7 @@ fn residuals(parts: &Parts<'_>, misses: &[Vector3<f64>]) -> ArrowFigure {
     figure(parts, "residuals", misses, None)
 }
 
-/// One group for each position of the tilting axis, in it one arrow after the other as the table turns.
+/// Figure with one group of arrows for each position of the tilting axis, ordered by the angle of the turning axis.
 fn figure(
     parts: &Parts<'_>,
     symbol: &str,
@@ -122,7 +121,7 @@ fn figure(
     ArrowFigure { symbol: symbol.to_owned(), unit: Unit::Um, groups, figure: VectorKind::Arrows }
 }
 
-/// The poses in the order of what turns the table.
+/// Indices of the poses, ordered by the angle of the axis that turns the table.
 fn in_turn(parts: &Parts<'_>, tilting: impl Fn(Axis) -> bool) -> Vec<usize> {
     let turned = |i: &usize| {
         let group = parts.grouped.groups.get(*i);
@@ -134,8 +133,7 @@ fn in_turn(parts: &Parts<'_>, tilting: impl Fn(Axis) -> bool) -> Vec<usize> {
     order
 }
 
-/// The form of each scan, in the order of the poses, and how the points of all scans scatter about
-/// their spheres.
+/// Form error of each scan in the order of the poses, and deviations of the points of all scans from their spheres.
 fn functions(parts: &Parts<'_>) -> Vec<Function> {
     let of = |symbol: &str, argument: &str, mm: Vec<f64>, figure| Function {
         symbol: symbol.to_owned(),

@@ -1,6 +1,6 @@
-//! The identification as paper 2 writes it (Eqs. 5 to 7, 17 and 19, with the columns of METHODS section
-//! 2 in the place of Eq. 18): a comparison. It takes the one measurement at B = C = 0 as the truth, and
-//! the circles of both axes as the zero position; the product's own estimate estimates both.
+//! The identification as paper 2 describes it (Eqs. 5 to 7, 17 and 19, with the columns of METHODS section 2 in
+//! place of Eq. 18), for comparison. It takes the single measurement at B = C = 0 as the truth, and the zero
+//! position from the circles of both axes. The estimate of `trued` has unknowns for both.
 
 use faer::Mat;
 use nalgebra::{Rotation3, Vector3};
@@ -14,13 +14,13 @@ use machine::frame::unit_vector;
 use machine::record::machine::Sense;
 use machine::{Axis, Position};
 
-/// A rotary angle that counts as zero, rad.
+/// Rotary angles below this count as zero, rad.
 const ZERO: f64 = 1e-9;
-/// Stated axes nearer than this meet.
+/// Largest distance between two stated axes that count as intersecting.
 const MEETS_MM: f64 = 1e-6;
 
-/// W = (α_BY, β_BY, γ_BY, δx_CB, α_CB), rad and mm; `None` for another machine than the paper's, a B table
-/// with C on it, and where its circles were not measured.
+/// W = (α_BY, β_BY, γ_BY, δx_CB, α_CB), rad and mm. `None`: the machine is not that of the paper (a B table that
+/// carries C), or its circles were not measured.
 pub fn identify(bench: &Bench<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64; 5]> {
     let machine = &bench.plan.machine;
     let iso = |axis| machine.axes.get(&axis).is_some_and(|spec| spec.positive == Sense::Iso);
@@ -45,20 +45,20 @@ pub fn identify(bench: &Bench<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64;
     location_errors(&seen)
 }
 
-/// The beam of the fit, its norm 1.
+/// Copy of `centres` with the beam of the fit held at norm 1.
 fn unit_beam(centres: &Centres, x: &[f64]) -> Centres {
     let lean = centres.frame.transpose() * unit_vector(centres.beam(x)).unwrap_or_default();
     Centres { free: false, held: [lean.x, lean.y, lean.z - 1.0], ..centres.clone() }
 }
 
-/// The origin of the paper's equations: where B and C are stated to meet; `None` where they do not.
+/// Origin of the paper's equations: the stated intersection of B and C. `None`: they do not intersect.
 fn intersection(bench: &Bench<'_>) -> Option<Vector3<f64>> {
     let point = |axis: Axis| bench.plan.machine.axes.get(&axis).map(|spec| spec.point_mm);
     let ([bx, _, z], [x, y, _]) = (point(Axis::B)?, point(Axis::C)?);
     ((bx - x).abs() < MEETS_MM).then(|| Vector3::new(x, y, z))
 }
 
-/// Eq. (7): x and y from the circle of C at B = 0, z from that of B at C = 0.
+/// Zero position by Eq. (7): x and y from the circle of C at B = 0, z from the circle of B at C = 0.
 fn zero_position(
     places: &[(&Position, Vector3<f64>)],
     origin: Vector3<f64>,
@@ -72,7 +72,7 @@ fn zero_position(
     Some(Vector3::new(of_c[0], of_c[1], of_b[1]) - origin)
 }
 
-/// Eq. (19): unweighted least squares over (B, C, measured position of the sphere).
+/// Location errors by Eq. (19): unweighted least squares over (B, C, measured position of the sphere).
 pub fn location_errors(seen: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
     let (_, _, first) = *seen.iter().find(|(b, c, _)| b.abs() < ZERO && c.abs() < ZERO)?;
     let others: Vec<_> = seen.iter().filter(|(b, c, _)| b.abs() + c.abs() >= ZERO).collect();
@@ -96,20 +96,20 @@ pub fn location_errors(seen: &[(f64, f64, Vector3<f64>)]) -> Option<[f64; 5]> {
     solve(&problem).ok()?.x.try_into().ok()
 }
 
-/// D_b(−B)·D_c(−C).
+/// Nominal rotation D_b(−B)·D_c(−C).
 pub fn nominal(b: f64, c: f64) -> Rotation3<f64> {
     Rotation3::from_axis_angle(&Vector3::y_axis(), -b)
         * Rotation3::from_axis_angle(&Vector3::z_axis(), -c)
 }
 
-/// ∂d/∂W at one pose: ∂q̂/∂W less what the measurement at B = C = 0 takes along.
+/// ∂d/∂W at one pose: ∂q̂/∂W less the contribution of the measurement at B = C = 0.
 pub fn columns(b: f64, c: f64, w: Vector3<f64>) -> [Vector3<f64>; 5] {
     let turn = nominal(b, c);
     let (here, first) = (of_sphere(b, turn * w, w), of_sphere(0.0, w, w));
     std::array::from_fn(|j| here[j] - turn * first[j])
 }
 
-/// ∂q̂/∂W with q the nominal place of the sphere at the pose and w that at B = C = 0.
+/// ∂q̂/∂W, with q the nominal position of the sphere at the pose and w its position at B = C = 0.
 fn of_sphere(b: f64, q: Vector3<f64>, w: Vector3<f64>) -> [Vector3<f64>; 5] {
     let (s, c) = b.sin_cos();
     [

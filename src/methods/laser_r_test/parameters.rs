@@ -1,4 +1,4 @@
-//! Which machine errors are unknown, and which cannot be told apart by one sphere.
+//! Selection of the machine errors that are unknown, and of those that one sphere does not separate.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -10,20 +10,21 @@ use estimation::null_names::name_null_space;
 use machine::kinematics::{Chain, ErrorParameter, Shape};
 use machine::{Axis, Position, frame::Point};
 
-/// Poses with incommensurate angles, at which errors are distinguishable if they are at any pose.
+/// Number of poses with incommensurate angles. Errors that are separable at any poses are separable at these.
 const POSES: usize = 24;
 const STEP: [f64; 3] = [2.399_963, 1.618_034, 0.754_877];
-/// A column that keeps less than this part of its length beside the others is one of their combinations.
+/// Minimum fraction of a column's length that is independent of the other columns. A column with less is their
+/// combination.
 const MIN_SHARE: f64 = 1e-6;
-/// Components of a joint's error in their order.
+/// Components of a joint's error, in order.
 const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
 /// The errors to be identified.
 pub struct Chosen {
     pub parameters: Vec<ErrorParameter>,
-    /// Candidates held at zero, as they are other names for what is given.
+    /// Candidates held at zero, because they are equivalent to errors that are already included.
     pub held: Vec<ErrorParameter>,
-    /// What stands for the held harmonics, in words.
+    /// Descriptions of the combinations that include the held harmonics.
     pub gauge: Vec<String>,
 }
 
@@ -33,18 +34,18 @@ pub fn of_table(chain: &Chain) -> Vec<Axis> {
     axes.filter(|axis| !axis.is_linear()).collect()
 }
 
-/// Whether the table leans over as the axis turns.
+/// Whether a rotation of the axis tilts the table.
 pub fn tilts(chain: &Chain, axis: Axis) -> bool {
     let turned = chain.machine_from_table(&Position::new().with(axis, 1.0), &[]);
     turned.rotation[(2, 2)] < 1.0 - 1e-6
 }
 
-/// The user's `names`, or all location errors of the table's rotary axes that one sphere tells apart;
-/// then the harmonics of the tilting axis of these `orders`, as far as they are not other names for
-/// what stands before them: first harmonics of B are in part the location of what B carries.
+/// Selects the machine errors: the user's `names`, or all location errors of the table's rotary axes that one
+/// sphere separates. Then adds the harmonics of the tilting axis of these `orders`, except those equivalent to
+/// errors already selected: first harmonics of B are in part the location of what B carries.
 ///
 /// # Errors
-/// A name that is none, one of an axis that the machine does not have, one that stands twice.
+/// A name is invalid, belongs to an axis that the machine does not have, or is given twice.
 pub fn chosen(chain: &Chain, names: &[String], orders: &[u32]) -> Result<Chosen, Refused> {
     let mut candidates = if names.is_empty() { locations(chain) } else { named(chain, names)? };
     let asked = if names.is_empty() { 0 } else { candidates.len() };
@@ -112,15 +113,15 @@ fn named(chain: &Chain, names: &[String]) -> Result<Vec<ErrorParameter>, Refused
     Ok(parameters)
 }
 
-/// Names of all unknowns beside the beam's.
+/// Names of all unknowns except those of the beam.
 pub fn names(parameters: &[ErrorParameter], ball: &str) -> Vec<String> {
     let places = ["zero".to_owned(), format!("ball_{ball}")];
     let places = places.iter().flat_map(|of| ["x", "y", "z"].map(|axis| format!("{of}_{axis}")));
     parameters.iter().map(ToString::to_string).chain(places).collect()
 }
 
-/// Derivatives of the sphere's coordinates at poses all around, mm: by each of the errors; by zero point
-/// and sphere.
+/// Derivatives of the sphere's coordinates at many different poses, mm: by each error, and by zero point and
+/// sphere.
 fn columns(chain: &Chain, parameters: &[ErrorParameter]) -> (Vec<Vec<f64>>, Vec<Vec<f64>>) {
     let model = Model { chain: chain.clone(), parameters: parameters.to_vec() };
     let (ball, zero) = (Vector3::new(80.0, 25.0, 60.0), Vector3::new(3.0, -5.0, -150.0));
@@ -138,8 +139,8 @@ fn columns(chain: &Chain, parameters: &[ErrorParameter]) -> (Vec<Vec<f64>>, Vec<
     (columns, places)
 }
 
-/// The combination of the `known` columns (of all but the last of the `errors`, of zero point and sphere)
-/// that the `column` of the last error is.
+/// Description of the combination of `known` columns that equals the `column` of the last error. The known columns
+/// belong to all `errors` but the last, to the zero point and to the sphere.
 fn combination_in_words(errors: &[ErrorParameter], known: &[Vec<f64>], column: &[f64]) -> String {
     let Some(mut direction) = combination_of(known, column, MIN_SHARE) else {
         return "a combination of the others".to_owned();
@@ -149,7 +150,7 @@ fn combination_in_words(errors: &[ErrorParameter], known: &[Vec<f64>], column: &
     name_null_space(null_space.as_ref(), &names(errors, "1")).join("; ")
 }
 
-/// Axis positions that bring the zero point to the sphere's centre, by the nominal machine.
+/// Positions X, Y, Z at which the nominal machine has the zero point at the sphere's centre.
 pub fn expected(
     chain: &Chain,
     rotary: &Position,

@@ -12,19 +12,19 @@ pub struct Parts<'a> {
     pub bench: &'a Bench<'a>,
     pub observed: Observed,
     pub grouped: Grouped,
-    /// The sphere's centres and the beam.
+    /// Fit of the sphere's centres and the beam.
     pub fitted: Minimum,
     pub chosen: Chosen,
     pub problem: Problem,
-    /// The machine.
+    /// Fit of the machine errors.
     pub minimum: Minimum,
-    /// Of the unknowns of `minimum`.
+    /// Names of the unknowns of `minimum`.
     pub names: Vec<String>,
     pub identified: Identification,
 }
 
 impl Parts<'_> {
-    /// Residuals of each scan: largest less smallest, mm.
+    /// Form error of each scan: largest less smallest residual, mm.
     pub fn forms(&self) -> Vec<f64> {
         let off = self.grouped.centres.off(&self.fitted.x);
         let of_group = |group: usize| {

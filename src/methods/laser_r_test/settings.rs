@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::Refused;
 
-/// What finds the sphere's centre.
+/// Device that measures the sphere.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum By {
@@ -15,14 +15,14 @@ pub enum By {
     Probe,
 }
 
-/// When the sensor's samples are taken.
+/// Sampling mode of the sensor.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Sampled {
-    /// While the machine stands, point by point.
+    /// At standstill, point by point.
     #[default]
     Dwell,
-    /// On the way. The control must stamp positions; the search and the references stand all the same.
+    /// In motion. The control must stamp positions. The search and the references still use dwell points.
     Continuous,
 }
 
@@ -34,40 +34,39 @@ pub struct Settings {
     pub sensor: String,
     /// Id of the sphere. Empty: the first one of the artefact.
     pub ball: String,
-    /// Machine errors to identify, by ISO names. Empty: all location errors of the rotary axes of the
-    /// table that one sphere tells apart.
+    /// Machine errors to identify, by ISO names. Empty: all location errors of the table's rotary axes that one
+    /// sphere separates.
     pub parameters: Vec<String>,
     /// Orders of the harmonics of the tilting axis' error motions to be identified as well, e.g. `[2]`.
     pub harmonics: Vec<u32>,
-    /// Positions of the rotary axis that tilts the table and of the one that turns it, as commanded.
-    /// Empty: -90 to 90 in steps of 30 and 0 to 300 in steps of 60, cut to the axes' limits.
+    /// Commanded positions of the rotary axis that tilts the table and of the one that turns it. Empty: -90 to 90
+    /// in steps of 30 and 0 to 300 in steps of 60, limited to the axes' limits.
     pub tilt_deg: Vec<f64>,
     pub turn_deg: Vec<f64>,
-    /// Readings at the sphere's pole at which the beam's direction is found, three or more. Empty: the
-    /// middle of the sensor's range and 0.7 of its half to either side.
+    /// Readings at the sphere's pole for the measurement of the beam's direction, three or more. Empty: the middle
+    /// of the sensor's range and 0.7 of half the range to either side.
     pub heights_mm: Vec<f64>,
     pub sampling: Sampled,
-    /// Dwell points of each of the two lines of a cross; of a continuous scan, places that its samples
-    /// are gathered at.
+    /// Dwell points on each of the two lines of a cross. For a continuous scan, number of cells over the longest
+    /// side of the scan.
     pub points: usize,
-    /// How far from where it is expected the sphere may be.
+    /// Largest distance of the sphere from its expected position, mm.
     pub margin_mm: f64,
     pub feed_mm_min: f64,
-    /// Second feed of the continuous scans from which the sensor's latency is found: half more than
-    /// `feed_mm_min` at least.
+    /// Second feed of the continuous scans that determine the sensor's latency, at least 1.5 times `feed_mm_min`.
     pub fast_feed_mm_min: f64,
-    /// Samples a second of a continuous scan; of a faster sensor some are left out.
+    /// Samples per second of a continuous scan. Of a faster sensor some samples are skipped.
     pub rate_hz: f64,
-    /// Rest at a point before the first of its samples.
+    /// Dwell time at a point before its first sample.
     pub dwell_s: f64,
     pub samples: u32,
     /// Standard uncertainty of the sphere's stated radius.
     pub radius_u_um: f64,
     /// Standard deviation of the sphere's form about its mean sphere, along any direction.
     pub form_u_um: f64,
-    /// Largest less smallest residual of one scan beyond which a warning is due.
+    /// Largest less smallest residual of one scan above which a warning is issued.
     pub form_limit_um: f64,
-    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    /// Number of Monte Carlo trials. 0: adaptive as in JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
 }
 
@@ -98,19 +97,19 @@ impl Default for Settings {
     }
 }
 
-/// The two feeds of the latency are in this ratio at least.
+/// Minimum ratio of the two feeds for the latency.
 const FEEDS: f64 = 1.5;
-/// Two readings at the pole nearer than this are one height, mm.
+/// Readings at the pole that differ by less than this count as one height, mm.
 pub const ONE_HEIGHT_MM: f64 = 0.5;
 
-/// Bounds that nobody meets who does not slip by a digit or a unit.
+/// Upper bounds that detect a wrong digit or unit in the machine file.
 const MOST_SAMPLES: u32 = 10_000;
 const LONGEST_DWELL_S: f64 = 60.0;
-/// Beyond it no table of poses tells anything.
+/// Highest harmonic order. No set of poses determines higher ones.
 const MOST_ORDER: u32 = 36;
 
 impl Settings {
-    /// What would fail on the way, refused before the first move.
+    /// Rejects settings that would fail during the run.
     pub fn check(&self) -> Result<(), Refused> {
         let positive = |value: f64| value > 0.0 && value.is_finite();
         Refused::unless(
@@ -209,7 +208,7 @@ impl Settings {
     }
 }
 
-/// How many heights these readings at the pole are.
+/// Number of different heights among these readings at the pole.
 pub fn heights(poles_mm: &[f64]) -> usize {
     let mut sorted = poles_mm.to_vec();
     sorted.sort_by(f64::total_cmp);

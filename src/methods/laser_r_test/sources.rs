@@ -1,5 +1,5 @@
-//! Sources of uncertainty: by how much each draw increases the distance of each dwell point from the
-//! sphere's centre, mm. The magnitudes are those that the plan declares (METHODS section 6).
+//! Sources of uncertainty: the change of each dwell point's distance from the sphere's centre by each draw, mm. The
+//! magnitudes are declared by the plan (METHODS section 6).
 
 mod outside;
 
@@ -17,17 +17,17 @@ use machine::frame::{Point, unit_vector};
 use machine::kinematics::ErrorParameter;
 use machine::record::plan::{Step, StepKind};
 
-/// The dwell points, at the fitted centres and beam.
+/// Dwell points with the geometry of the fitted centres and beam.
 struct DwellPoints<'a> {
     bench: &'a Bench<'a>,
     grouped: &'a Grouped,
-    /// Outward normal at each, machine frame.
+    /// Outward normal of the sphere at each dwell point, machine frame.
     normals: Vec<Vector3<f64>>,
-    /// −cos of the incidence: change of the distance by that of the reading.
+    /// −cos of the incidence angle: derivative of the distance by the reading.
     along: Vec<f64>,
 }
 
-/// `latency_index`: index of the first unknown of the latency among all unknowns.
+/// All sources. `latency_index`: index of the first latency unknown among all unknowns.
 pub fn sources(
     bench: &Bench<'_>,
     observed: &Observed,
@@ -68,8 +68,7 @@ pub fn sources(
     list
 }
 
-/// A source that the residuals do not judge and that does not enter the weights: it moves all centres
-/// alike.
+/// A source that affects all centres alike. The residuals do not change its size, and it does not enter the weights.
 fn unjudged(name: &str, effect: Effect) -> UncertaintySource {
     UncertaintySource {
         in_residuals: InResiduals::Expected,
@@ -106,7 +105,7 @@ impl DwellPoints<'_> {
         UncertaintySource::new("linearity of the sensor", Effect::Joint(columns.collect()))
     }
 
-    /// Of the touch probe alone.
+    /// Lobing of the touch probe.
     fn lobing(&self) -> UncertaintySource {
         let rows = self.grouped.centres.rows.iter().filter(|_| self.bench.touches());
         let normals = rows.zip(&self.normals).map(|(row, n)| row.spindle.inverse() * n);
@@ -114,7 +113,7 @@ impl DwellPoints<'_> {
         UncertaintySource::new("probe lobing", Effect::Joint(patterns))
     }
 
-    /// Continuous scans find it with the latency.
+    /// Backlash of the linear axes. Continuous scans estimate it together with the latency (`is_found`).
     fn backlash(&self, is_found: bool) -> UncertaintySource {
         let half = declared::half_backlash_mm(self.bench.plan);
         let spots = &self.grouped.spots;
@@ -124,7 +123,7 @@ impl DwellPoints<'_> {
         let mut lags = vec![Vector3::zeros(); spots.len()];
         for (spot, lag) in order.into_iter().zip(declared::lags_mm(self.bench.plan, &path)) {
             lags[spot] = match self.bench.touches() {
-                // A touch moves against the normal.
+                // The motion of a touch is opposite to the normal.
                 true => self.normals[spot].zip_map(&half, |n, half| half * n.signum()),
                 false => lag,
             };
@@ -144,7 +143,8 @@ impl DwellPoints<'_> {
         UncertaintySource::new("error motions of X, Y and Z", Effect::Joint(columns.collect()))
     }
 
-    /// The same for all dwell points of a pose: a sphere that turns about its centre looks as before.
+    /// Angular error motions of the linear axes. They are the same for all dwell points of a pose, as a rotation of
+    /// the sphere about its centre has no effect.
     fn angular_motions(&self, x: &[f64]) -> UncertaintySource {
         let axes = |(i, group): (usize, &Group)| group.axes(self.grouped.centres.centre(x, i));
         let points: Vec<Vector3<f64>> = self.grouped.groups.iter().enumerate().map(axes).collect();
@@ -169,7 +169,7 @@ impl DwellPoints<'_> {
         self.along_normals(&shifts.map(|shift| shift * motion.size_mm).collect::<Vec<_>>())
     }
 
-    /// Displacement of each pose by a unit of an error, machine frame.
+    /// Displacement of each pose by one unit of an error, machine frame.
     fn by_error(&self, x: &[f64], error: ErrorParameter) -> Vec<Vector3<f64>> {
         let (chain, tip) = (&self.bench.chain, Point::from_vec(self.bench.zero()));
         let of_group = |(i, group): (usize, &Group)| {
@@ -180,13 +180,13 @@ impl DwellPoints<'_> {
         self.grouped.groups.iter().enumerate().map(of_group).collect()
     }
 
-    /// `shifts`: one a pose.
+    /// Components along the normals of `shifts`, one per pose.
     fn along_normals(&self, shifts: &[Vector3<f64>]) -> Vec<f64> {
         let rows = self.grouped.centres.rows.iter().zip(&self.normals);
         rows.map(|(row, n)| n.dot(&shifts[row.group])).collect()
     }
 
-    /// The table against the spindle, at the declared rate, from the middle of the run.
+    /// Drift of the table relative to the spindle at the declared rate, zero at the middle of the run.
     fn drift(&self) -> UncertaintySource {
         let rate = declared::drift_mm_per_s(self.bench.plan);
         let spots = &self.grouped.spots;
@@ -198,8 +198,8 @@ impl DwellPoints<'_> {
         UncertaintySource::new("thermal drift", Effect::Joint((0..3).map(along).collect()))
     }
 
-    /// A shift between the points before and after an interruption, up to the limit of the reference
-    /// check. The whole limit counts as standard uncertainty, as the distribution is unknown.
+    /// Shift between the points before and after an interruption, up to the limit of the reference check. The whole
+    /// limit counts as standard uncertainty, as the distribution is unknown.
     fn interruptions(&self, stops: &[(f64, f64)]) -> UncertaintySource {
         let columns = stops.iter().flat_map(|(gap_s, limit_mm)| {
             (0..3).map(move |k| {
@@ -211,7 +211,8 @@ impl DwellPoints<'_> {
         UncertaintySource::new("steps at interruptions", Effect::Joint(columns.collect()))
     }
 
-    /// So far may the sphere stand along an axis for a reference that is 1 mm off; 1 where none sees it.
+    /// Displacement of the sphere along an axis, mm, that changes a reference by 1 mm. 1 if no reference is
+    /// sensitive to it.
     fn least_seen(&self, k: usize) -> f64 {
         let steps = self.bench.plan.steps.iter();
         let references = steps.filter(|step| step.kind == StepKind::Reference);
@@ -221,7 +222,7 @@ impl DwellPoints<'_> {
     }
 
     fn radius(&self) -> UncertaintySource {
-        // A touched sphere's radius is an unknown.
+        // The radius of a touched sphere is an unknown.
         let stated = if self.bench.touches() { 0.0 } else { self.bench.settings.radius_u_um };
         let u = stated * 1e-3;
         unjudged("radius of the sphere", Effect::Joint(vec![vec![-u; self.normals.len()]]))
@@ -254,8 +255,8 @@ impl DwellPoints<'_> {
     }
 }
 
-/// What a reference shows of a sphere that stands 1 mm further along an axis: across the beam its flanks
-/// alone see it.
+/// Response of a reference to a displacement of the sphere by 1 mm along an axis. Across the beam only the flanks
+/// of the sphere respond.
 fn seen_along(step: &Step, k: usize, radius: f64) -> f64 {
     let normal = unit_vector(Vector3::from(step.normal)).unwrap_or_default();
     let path: Vec<Vector3<f64>> =

@@ -1,34 +1,34 @@
-//! Dwell points and cells: where samples were taken, and their mean.
+//! Dwell points and cells: positions of samples with their means.
 
 use nalgebra::{Rotation3, Vector3};
 
 use super::label::Pass;
 use machine::Position;
 
-/// One place at which samples were taken, or one cell of a continuous scan: their mean.
+/// Mean of the samples at one dwell point, or in one cell of a continuous scan.
 #[derive(Debug, Clone, Copy)]
 pub struct Spot {
-    /// X, Y, Z.
+    /// Axis positions X, Y, Z, mm.
     pub xyz: Vector3<f64>,
-    /// The same as how far the spindle stands from the table, machine frame.
+    /// Displacement of the spindle relative to the table, machine frame.
     pub at: Vector3<f64>,
-    /// Reading.
+    /// Reading, mm.
     pub value: f64,
     pub samples: usize,
     pub t_s: f64,
-    /// X, Y, Z in mm/s, and the sign of the last motion of each (0 where that is not known): means.
+    /// Mean velocity of X, Y, Z in mm/s, and mean sign of the last motion of each axis (0 where unknown).
     pub velocity: Vector3<f64>,
     pub toward: Vector3<f64>,
 }
 
-/// One step's dwell points. The rotary axes stand.
+/// Dwell points of one step, with the rotary axes at rest.
 #[derive(Debug, Clone)]
 pub struct Scanned {
     pub pass: Pass,
     pub label: String,
-    /// All rotary axes.
+    /// Positions of all rotary axes.
     pub rotary: Position,
-    /// Spindle frame to machine frame.
+    /// Rotation from the spindle frame to the machine frame.
     pub spindle: Rotation3<f64>,
     pub spots: Vec<Spot>,
 }

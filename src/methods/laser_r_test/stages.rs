@@ -1,4 +1,4 @@
-//! What is scanned, stage by stage.
+//! Scans of each stage.
 
 use super::bench::{Bench, Turned};
 use super::cross::{Place, Walk, Wanted, step};
@@ -13,10 +13,10 @@ use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{Stage, Step, StepKind};
 use machine::{Axis, Position};
 
-/// Heights beside the middle of the range, in parts of its half.
+/// Heights relative to the middle of the range, in units of half the range.
 const HEIGHTS: [f64; 3] = [-0.7, 0.0, 0.7];
 
-/// One stage.
+/// Scans of one stage.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Task {
     pub name: &'static str,
@@ -24,10 +24,11 @@ pub struct Task {
     pub scans: Vec<Wanted>,
 }
 
-/// All stages: search, latency (of continuous scans), beam direction, zero position from the circles of the axes, all other poses.
+/// Lists all stages: search, latency (continuous scans only), beam direction, zero position from the circles of the
+/// axes, all other poses.
 ///
 /// # Errors
-/// Positions outside the limits; poses that do not tell the errors apart.
+/// A position is outside the axis limits, or the poses do not separate the errors.
 pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
     let middle = middle(bench);
     let continuous = bench.settings.sampling == Sampled::Continuous;
@@ -42,7 +43,7 @@ pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
     let (tilted, turned, others) = positions(bench)?;
     let zero = bench.at_zero();
     check_rank(bench, &[std::slice::from_ref(&zero), &tilted, &turned, &others].concat())?;
-    // What is touched has no beam.
+    // The touch probe has no beam.
     let heights = heights_mm(bench).into_iter().zip(1..).filter(|_| !bench.touches());
     let heights = heights
         .map(|(height, number)| pose(Pass::Height, &format!("{number}"), zero.clone(), height));
@@ -51,7 +52,7 @@ pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
         ..pose(pass, which, zero.clone(), middle)
     };
     let find = vec![at_zero(Pass::Find, "", Walk::Rests)];
-    // Points that stand: what is compared after a stop does not hang on a latency.
+    // References use dwell points: the comparison after an interruption must not depend on a latency.
     let reference =
         |which: &str| vec![Wanted { reference: true, ..at_zero(Pass::Pose, which, Walk::Rests) }];
     let feeds = [("1", Walk::Slow), ("2", Walk::Fast)].into_iter().filter(|_| continuous);
@@ -72,7 +73,8 @@ pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
 
 type Poses = Vec<Position>;
 
-/// The tilting axis alone, the turning axis alone, both: all but zero. Neighbours are near each other.
+/// All positions except zero: the tilting axis alone, the turning axis alone, both. Consecutive positions are close
+/// together.
 fn positions(bench: &Bench<'_>) -> Result<(Poses, Poses, Poses), Refused> {
     let [tilt, turn] = bench.positions()?;
     let zero = bench.at_zero();
@@ -94,7 +96,7 @@ fn positions(bench: &Bench<'_>) -> Result<(Poses, Poses, Poses), Refused> {
     for (row, b) in tilts.iter().enumerate() {
         let tilted = at(tilt, *b, &zero);
         let row_of: Vec<Position> = turns.iter().map(|c| at(turn, *c, &tilted)).collect();
-        // There and back: the table need not turn all the way again.
+        // Alternate the direction, so that the table does not return by a whole turn.
         if row % 2 == 0 { others.extend(row_of) } else { others.extend(row_of.into_iter().rev()) }
     }
     Ok((tilted, turned, others))
@@ -114,7 +116,7 @@ fn heights_mm(bench: &Bench<'_>) -> Vec<f64> {
 }
 
 /// # Errors
-/// Poses that leave errors untold.
+/// The poses do not determine all errors.
 fn check_rank(bench: &Bench<'_>, poses: &[Position]) -> Result<(), Refused> {
     let settings = bench.settings;
     let chosen = parameters::chosen(&bench.chain, &settings.parameters, &settings.harmonics)?;
@@ -156,10 +158,10 @@ fn refused_rank(why: String) -> Refused {
     }
 }
 
-/// The stage of a task, its steps numbered on from the plan's last.
+/// Creates the stage of a task, with step numbers from `id`.
 ///
 /// # Errors
-/// As [`step`].
+/// The errors of [`step`].
 pub fn stage(
     bench: &Bench<'_>,
     task: &Task,
@@ -185,7 +187,7 @@ pub fn stage(
     Ok((Stage { id, name: task.name.to_owned(), repeat: 0, steps: ids, found }, steps))
 }
 
-/// The first reference once more: the very same places.
+/// Repeats the first reference at exactly the same positions.
 fn again(bench: &Bench<'_>, wanted: &Wanted) -> Vec<Step> {
     let steps = bench.plan.steps.iter();
     let first = steps.filter(|step| wanted.reference && step.kind == StepKind::Reference);

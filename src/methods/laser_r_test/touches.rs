@@ -1,4 +1,4 @@
-//! Chase-the-ball: the sphere's centre from touches instead of samples.
+//! Chase-the-ball: the sphere's centre from touches instead of sensor samples.
 
 use super::bench::Bench;
 use super::cross::{Place, Wanted};
@@ -11,16 +11,16 @@ use machine::record::artefact::Ball;
 use machine::record::plan::{Step, StepKind};
 use planning::{Access, Approach, BallTask};
 
-/// Touches of one measurement.
+/// Number of touches of one measurement.
 const TOUCHES: usize = 5;
-/// Clear distance before the expected contact, and how far beyond it a slow touch may go, beside how far
-/// the sphere may be from where it is expected, mm.
+/// Clearance before the expected contact, and overtravel of a slow touch, in addition to the position uncertainty
+/// of the sphere, mm.
 const CLEAR_MM: f64 = 0.2;
 
-/// The touches of one measurement, not yet numbered.
+/// The touches of one measurement, without step numbers.
 ///
 /// # Errors
-/// A sphere that cannot be touched there.
+/// The sphere cannot be touched at this position.
 pub fn steps(
     bench: &Bench<'_>,
     place: &Place,
@@ -34,7 +34,7 @@ pub fn steps(
     };
     let access =
         Access::new(bench.plan, &bench.plan.artefact).map_err(|why| refused(why.to_string()))?;
-    // Where the stylus as stated meets what the stylus as found does.
+    // Centre of the sphere for which the stated stylus has the same axis positions as the measured stylus.
     let xyz = parameters::expected(&bench.chain, &wanted.rotary, place.zero, place.ball)?;
     let at = placed(&wanted.rotary, xyz);
     let centre = bench.chain.tip_in_table(&at, Point::from_vec(bench.zero()), &[]).mm;

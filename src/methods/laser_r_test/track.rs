@@ -1,50 +1,51 @@
-//! A continuous scan in time: where the axes stood by the control's stamps, and what the sensor said
-//! meanwhile. Between the two clocks lies the latency τ: the value stamped t + τ belongs to the position
-//! stamped t. Positions may be interpolated, as axes have inertia; values never are.
+//! Time series of a continuous scan: axis positions by the control's stamps, and values of the sensor. The latency
+//! τ relates the two clocks: the value stamped t + τ belongs to the position stamped t. Positions may be
+//! interpolated, as axes have inertia. Values are never interpolated.
 
 use nalgebra::Vector3;
 
 use machine::record::reading::{Flag, Reading};
 
-/// To either side, the time over which a velocity is taken, s.
+/// Time to either side over which a velocity is computed, s.
 const SPAN_S: f64 = 5e-3;
-/// Stamps so many times farther apart than usual have a gap between them.
+/// Ratio of the distance between two stamps to the usual one, above which there is a gap.
 const GAP: f64 = 5.0;
-/// An axis has turned round when it has come back so far: its lost motion is used up by then, mm. As far
-/// before it turns it is not trusted either, or beside turning points there would be samples of one way alone.
+/// Distance after a reversal from which an axis is reliable, mm: its lost motion is taken up by then. The same
+/// distance before the reversal is excluded too, otherwise the samples near turning points would have one direction
+/// only.
 const TURNED_MM: f64 = 0.05;
-/// Slower than this part of the fastest motion it stands: what an axis has lost is not certain there.
+/// Fraction of the fastest speed below which an axis counts as standing. Its lost motion is uncertain there.
 const STANDS: f64 = 0.05;
-/// Where the velocity changes too abruptly for the stamps, positions between them may be so far off, mm:
-/// what was seen there is not used.
+/// Largest error of interpolated positions, mm. Samples at a larger one, where the velocity changes too abruptly
+/// for the stamps, are not used.
 const UNSURE_MM: f64 = 0.1e-3;
-/// So far an axis may seem to move while it stands, mm.
+/// Apparent motion of an axis at standstill, mm.
 const TREMBLES_MM: f64 = 2e-3;
 
-/// One scan's readings in the order of time.
+/// Readings of one scan in the order of time.
 #[derive(Debug, Clone)]
 pub struct Track {
     t_s: Vec<f64>,
-    /// X, Y, Z at these stamps, and how they change there.
+    /// Positions X, Y, Z at the stamps, and their derivatives by time.
     xyz: Vec<Vector3<f64>>,
     slopes: Vec<Vector3<f64>>,
-    /// Of each stamp and the next: whether positions between them can be told.
+    /// For each stamp, whether positions between it and the next one can be interpolated.
     sure: Vec<bool>,
-    /// As [`ways`] of each axis.
+    /// Direction of the last motion at each stamp: [`ways`] of each axis.
     toward: Vec<Option<Vector3<f64>>>,
-    /// Fastest motion, mm/s.
+    /// Fastest speed, mm/s.
     fastest: f64,
-    /// What lies farther apart has a gap between, s.
+    /// Distance between two stamps above which there is a gap, s.
     gap_s: f64,
-    /// Stamp and value of what the sensor said and is not flagged.
+    /// Stamps and values of the sensor without flags.
     said: Vec<(f64, f64)>,
 }
 
-/// A value, and where the axes stood when the sensor saw it.
+/// A value, with the axis positions at the time of its measurement.
 #[derive(Debug, Clone, Copy)]
 pub struct Seen {
     pub xyz: Vector3<f64>,
-    /// mm/s, and that along each axis the sign of the last motion (0 before the first).
+    /// Velocity in mm/s, and sign of the last motion along each axis (0 before the first motion).
     pub velocity: Vector3<f64>,
     pub toward: Vector3<f64>,
     pub value: f64,
@@ -67,7 +68,7 @@ impl Track {
         let sure = sure(&t_s, &xyz);
         let fastest = slopes.iter().map(|slope| slope.norm()).fold(0.0, f64::max);
         let mut toward: Vec<Option<Vector3<f64>>> = Vec::with_capacity(xyz.len());
-        // After a gap nobody knows which way an axis moved last.
+        // After a gap the direction of the last motion is unknown.
         let apart = |k: &usize| t_s.get(k - 1..=*k).is_none_or(|pair| pair[1] - pair[0] > gap_s);
         let mut from = 0;
         for to in (1..xyz.len()).filter(apart).chain([xyz.len()]) {
@@ -77,15 +78,15 @@ impl Track {
         Self { toward, slopes, sure, fastest, t_s, xyz, gap_s, said }
     }
 
-    /// What the sensor said and where the axes stood, with this latency; without what it said where the
-    /// axes turned round, where their velocity changed too abruptly, or where no stamp is near.
+    /// Values with the axis positions for this latency. Omitted are values at reversals, at abrupt changes of
+    /// velocity, and without a nearby stamp.
     pub fn seen(&self, latency_s: f64) -> Vec<Seen> {
         let seen = |&(stamp_s, value): &(f64, f64)| {
             let t_s = stamp_s - latency_s;
             let (xyz, velocity) = (self.at(t_s)?, self.velocity(t_s)?);
             let node = self.t_s.partition_point(|stamp| *stamp <= t_s).checked_sub(1)?;
             let toward = self.toward.get(node).copied().flatten()?;
-            // Between two stamps an axis may have turned round as well.
+            // An axis may also have reversed between the two stamps.
             let next = self.t_s.partition_point(|stamp| *stamp < t_s);
             self.toward.get(next).copied().flatten()?;
             let sure = self.t_s.get(node) == Some(&t_s) || self.sure.get(node) == Some(&true);
@@ -97,19 +98,19 @@ impl Track {
         self.said.iter().filter_map(seen).collect()
     }
 
-    /// The same sample with another latency, trusted as before.
+    /// The same sample with another latency, without another check of its reliability.
     pub fn again(&self, seen: &Seen, latency_s: f64) -> Option<Seen> {
         let t_s = seen.t_s - latency_s;
         Some(Seen { xyz: self.at(t_s)?, velocity: self.velocity(t_s)?, ..*seen })
     }
 
-    /// Values that there are.
+    /// Number of values.
     pub fn said(&self) -> usize {
         self.said.len()
     }
 
-    /// Between two stamps the cubic with their slopes (Hermite): a straight one would cut what is
-    /// covered between them while the axes speed up, 1 um at 500 mm/s² and 4 ms.
+    /// Position between two stamps by cubic (Hermite) interpolation with their slopes. Linear interpolation would
+    /// be wrong by the motion under acceleration, 1 um at 500 mm/s² and 4 ms.
     fn at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let next = self.t_s.partition_point(|stamp| *stamp < t_s);
         let node = |k: usize| Some((*self.t_s.get(k)?, *self.xyz.get(k)?, *self.slopes.get(k)?));
@@ -123,7 +124,7 @@ impl Track {
         (lasts <= self.gap_s).then(|| from + (to - from) * u + bent * u * (1.0 - u))
     }
 
-    /// By the stamped positions to either side; of one side alone at the ends.
+    /// Velocity from the stamped positions to either side, or to one side at the ends.
     fn velocity(&self, t_s: f64) -> Option<Vector3<f64>> {
         let (here, before, after) = (self.at(t_s)?, self.at(t_s - SPAN_S), self.at(t_s + SPAN_S));
         match (before, after) {
@@ -135,8 +136,8 @@ impl Track {
     }
 }
 
-/// What the cubic between two stamps may be off where the acceleration is another one at each end is a
-/// sixteenth of what their velocities and those beside them show of its change.
+/// Whether the interpolation error between two stamps is small enough. For different accelerations at the ends it
+/// is a sixteenth of the second difference of the neighbouring velocities, times the duration.
 fn sure(t_s: &[f64], xyz: &[Vector3<f64>]) -> Vec<bool> {
     let nodes: Vec<(f64, Vector3<f64>)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
     let passes = |pair: &[(f64, Vector3<f64>)]| match pair {
@@ -153,8 +154,8 @@ fn sure(t_s: &[f64], xyz: &[Vector3<f64>]) -> Vec<bool> {
     passes.iter().enumerate().map(of).collect()
 }
 
-/// Derivatives at the stamps of the parabola through each and its neighbours; towards one neighbour alone
-/// where the other lies beyond a gap.
+/// Derivatives at the stamps, from the parabola through each stamp and its neighbours. At a gap, from the one
+/// neighbour on the same side.
 fn slopes(t_s: &[f64], xyz: &[Vector3<f64>], gap_s: f64) -> Vec<Vector3<f64>> {
     let nodes: Vec<(f64, Vector3<f64>)> = t_s.iter().copied().zip(xyz.iter().copied()).collect();
     let between = |k: usize| match nodes.get(k..k + 2) {
@@ -168,7 +169,7 @@ fn slopes(t_s: &[f64], xyz: &[Vector3<f64>], gap_s: f64) -> Vec<Vector3<f64>> {
     (0..nodes.len()).map(slope).collect()
 }
 
-/// [`ways`] of X, Y and Z; nothing where one of them turns round.
+/// [`ways`] of X, Y and Z. `None` where one of them reverses.
 fn toward(places: &[Vector3<f64>]) -> Vec<Option<Vector3<f64>>> {
     let of = |k: usize| ways(&places.iter().map(|place| place[k]).collect::<Vec<f64>>());
     let [x, y, z] = [of(0), of(1), of(2)];
@@ -176,8 +177,8 @@ fn toward(places: &[Vector3<f64>]) -> Vec<Option<Vector3<f64>>> {
     each.map(|((x, y), z)| Some(Vector3::new(x?, y?, z?))).collect()
 }
 
-/// Of each place on the way of one axis: the sign of its last motion, 0 as long as it has not moved.
-/// Nothing from [`TURNED_MM`] before it turns round until it has come as far back.
+/// For each position of one axis, the sign of its last motion, or 0 if it has not moved yet. `None` from
+/// [`TURNED_MM`] before a reversal until the axis has moved back by the same distance.
 fn ways(places: &[f64]) -> Vec<Option<f64>> {
     let mut ways: Vec<Option<f64>> = Vec::with_capacity(places.len());
     let mut way = 0.0;
@@ -195,8 +196,8 @@ fn ways(places: &[f64]) -> Vec<Option<f64>> {
         };
         let extreme = if turned > 0.0 { least } else { most };
         let within = |k: usize, mm: f64| places.get(k).is_none_or(|p| (p - extreme) * turned <= mm);
-        // Where it stood, and not only at a stamp or two to either side of its turning point: between those
-        // it looks as if it had gone evenly.
+        // A real standstill, not only one or two stamps near the turning point, between which the motion would
+        // appear uniform.
         let stood = |k: usize| (k.saturating_sub(1)..=k + 1).all(|k| within(k, TREMBLES_MM));
         let beside = ways.iter_mut().enumerate().rev().take_while(|(k, _)| within(*k, TURNED_MM));
         beside.filter(|(k, _)| !stood(*k)).for_each(|(_, way)| *way = None);
@@ -224,7 +225,7 @@ mod tests {
         }
     }
 
-    /// X leaves 0 at 10 mm/s; what is stamped at 0.5 s was seen 20 ms before, at 4.8 mm.
+    /// X leaves 0 at 10 mm/s. The value stamped 0.5 s was measured 20 ms earlier, at 4.8 mm.
     #[test]
     fn a_value_belongs_to_where_the_axes_stood_a_latency_ago() {
         let x = |t: f64| 10.0 * t;
@@ -240,13 +241,13 @@ mod tests {
         assert!((found(-0.02).xyz.x - 5.2).abs() < 1e-9);
         assert!((found(0.02).velocity.x - 10.0).abs() < 1e-9);
         assert_eq!((found(0.02).value, found(0.02).toward), (5.0, Vector3::x()));
-        // Two values at the beginning have no position: the stamps began later. The next ones are of an
-        // axis that has not moved far.
+        // Two values at the beginning have no position, as the stamps start later. At the next ones the axis has
+        // not moved far enough.
         assert_eq!(track.said(), 101);
         assert!((97..=98).contains(&track.seen(0.02).len()), "{}", track.seen(0.02).len());
     }
 
-    /// Also while it speeds up: at 500 mm/s² and stamps 4 ms apart, to the last digit.
+    /// Acceleration: exact to the last digit at 500 mm/s² and stamps 4 ms apart.
     #[test]
     fn an_axis_that_speeds_up_is_followed() {
         let x = |t: f64| 250.0 * t * t;
@@ -268,7 +269,7 @@ mod tests {
         let track = Track::new(&all.iter().collect::<Vec<_>>());
         let seen = track.seen(0.005);
         assert!(seen.iter().all(|seen| (seen.t_s - 0.2).abs() > 1e-9));
-        // Not the first two of all nor those after the gap.
+        // The first two values and the first two after the gap are omitted.
         assert_eq!((track.said(), seen.len()), (100, 96));
         assert!(seen.iter().all(|seen| (seen.xyz.x - 10.0 * (seen.t_s - 0.005)).abs() < 1e-9));
     }
@@ -283,11 +284,11 @@ mod tests {
         let count = |way| ways.iter().filter(|found| **found == way).count();
         assert_eq!(ways[10], Some(0.0));
         assert_eq!((ways[60], ways[160]), (Some(1.0), Some(-1.0)));
-        // Nor between the stamps to either side of the turning point.
+        // Samples between the stamps on either side of the turning point are omitted as well.
         assert_eq!((ways[149], ways[150], ways[152]), (None, None, None));
-        // Not trusted before it turns either, as far as it is not after.
+        // Positions before the reversal are omitted over the same distance as after it.
         assert_eq!((ways[143], ways[146]), (Some(1.0), None));
-        // 10 to 50 um from where it begins; to where it turns, and from there.
+        // 10 to 50 um from the start; to the reversal, and from there.
         assert!((15..=18).contains(&count(None)), "{ways:?}");
     }
 }

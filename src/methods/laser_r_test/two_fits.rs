@@ -1,4 +1,4 @@
-//! Both fits as one observation model: the sphere's centres from the dwell points, then the machine from
+//! Both fits combined in one observation model: the sphere's centres from the dwell points, then the machine from
 //! the centres.
 
 use faer::{Mat, MatRef};
@@ -15,11 +15,11 @@ use crate::identification::{
 /// Smallest standard uncertainty of a centre, mm.
 const MIN_CENTRE_U_MM: f64 = 1e-6;
 
-/// Observations: the distance of each dwell point from its centre. Unknowns: machine, zero point and
-/// sphere; the beam; the latency's, which the sources alone change.
+/// Observations: the distance of each dwell point from its centre. Unknowns: machine, zero point and sphere; the
+/// beam; the latency, which only the sources change.
 pub struct CentresThenMachine<'a> {
     pub centres: LeastSquares<'a, Centres>,
-    /// Unknowns of `centres` × dwell points.
+    /// Gain of the first fit: unknowns of `centres` × dwell points.
     pub gain: &'a Mat<f64>,
     pub machine: LeastSquares<'a, Problem>,
     pub groups: &'a [Group],
@@ -28,8 +28,8 @@ pub struct CentresThenMachine<'a> {
 }
 
 impl CentresThenMachine<'_> {
-    /// Changes of the centres in the table frame, three coordinates a group, by a change of the unknowns
-    /// of the first fit.
+    /// Changes of the centres in the table frame, three coordinates per group, for a change of the unknowns of the
+    /// first fit.
     fn on_table(&self, change: &[f64]) -> Vec<f64> {
         let groups = self.groups.iter().enumerate();
         let moved = groups.flat_map(|(i, group)| -> [f64; 3] {
@@ -74,7 +74,7 @@ impl ObservationModel for CentresThenMachine<'_> {
     }
 }
 
-/// Change of the unknowns by each observation, per mm: unknowns × observations.
+/// Derivative of the unknowns by each observation, per mm: unknowns × observations.
 pub fn gain(fit: &impl ObservationModel) -> Mat<f64> {
     let mut gain = Mat::zeros(fit.unknowns(), fit.observations());
     let mut change = vec![0.0; fit.observations()];
@@ -86,7 +86,7 @@ pub fn gain(fit: &impl ObservationModel) -> Mat<f64> {
     gain
 }
 
-/// Covariance of each centre, machine frame, by the sources that enter the weights.
+/// Covariance of each centre in the machine frame, from the sources that enter the weights.
 pub fn centre_covariances(
     centres: &Centres,
     gain: &Mat<f64>,

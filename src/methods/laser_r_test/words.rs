@@ -1,4 +1,4 @@
-//! What a reader of the estimate must know beside its numbers.
+//! Warnings and notes of the estimate.
 
 use super::centres::GAIN;
 use super::label::Pass;
@@ -10,7 +10,7 @@ use machine::Axis;
 use machine::kinematics::Shape;
 use machine::record::estimate::Unit;
 
-/// A gain is reported if its deviation from 1 is larger than this, and than so many standard
+/// A gain is reported if it deviates from 1 by more than [`MIN_GAIN`] and by more than [`MIN_GAIN_RATIO`] standard
 /// uncertainties.
 const MIN_GAIN: f64 = 1e-3;
 const MIN_GAIN_RATIO: f64 = 4.0;
@@ -34,7 +34,7 @@ fn missing(parts: &Parts<'_>) -> Vec<String> {
     lines.map(|line| format!("not used: {line}")).collect()
 }
 
-/// Forward and back do not weigh alike then.
+/// Warnings for motions with too few samples, where forward and backward have unequal weight.
 fn thin(parts: &Parts<'_>) -> impl Iterator<Item = String> {
     let of_interest = |line: &&String| Pass::of(line) != Some(Pass::Find);
     parts.observed.thin.iter().filter(of_interest).cloned()
@@ -130,7 +130,7 @@ pub fn gauge(parts: &Parts<'_>) -> Vec<String> {
     lines
 }
 
-/// What continuous scans were corrected by.
+/// Corrections of the continuous scans: latency and lost motion.
 fn latency(parts: &Parts<'_>) -> Option<String> {
     let Observed { latency, turning, .. } = &parts.observed;
     let latency = latency.as_ref()?;
@@ -152,7 +152,7 @@ fn latency(parts: &Parts<'_>) -> Option<String> {
     ))
 }
 
-/// The paper's own estimator beside this one.
+/// Result of the paper's own estimator, for comparison.
 fn comparison(parts: &Parts<'_>) -> Option<String> {
     let [a, b, c, x, a_cb] = paper::identify(parts.bench, &parts.grouped, &parts.fitted.x)?;
     let urad = |value: f64| Unit::Urad.from_internal(value);
@@ -167,7 +167,7 @@ fn comparison(parts: &Parts<'_>) -> Option<String> {
     ))
 }
 
-/// What the axes carry to the sphere.
+/// Name of the point that the axes move to the sphere.
 fn zero(parts: &Parts<'_>) -> &'static str {
     match parts.bench.touches() {
         true => "stylus centre",

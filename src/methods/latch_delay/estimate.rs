@@ -1,4 +1,4 @@
-//! The estimate in the words and units of the contract.
+//! The estimate in the terms and units of the Estimate JSON.
 
 use super::fit::{Fitted, Scatter};
 use super::observe::Observed;
@@ -9,7 +9,7 @@ use estimation::coverage::coverage_factor;
 use machine::record::estimate::{Estimate, FigureKind, Function, Parameter, Unit};
 use machine::record::plan::Plan;
 
-/// The scan of whatever looks at the probe.
+/// Symbol of the scan time between contact and latch.
 const SCAN: &str = "T_scan";
 
 pub fn estimate(plan: &Plan, observed: &Observed, fitted: &Fitted, scan: &Scan) -> Estimate {
@@ -24,26 +24,27 @@ pub fn estimate(plan: &Plan, observed: &Observed, fitted: &Fitted, scan: &Scan) 
     Estimate {
         gauge: words::conventions(observed, fitted),
         not_identifiable: words::cannot_know(observed, fitted, scan),
-        // Against what is declared: the weights follow from the residuals.
+        // χ² relative to the declared scatter, as the weights follow from the residuals.
         chi2_per_dof: declared_mm.map_or(1.0, |mm| chi2(mm) / figures.dof as f64),
         warnings: words::warnings(observed, fitted, scan, declared_mm),
         ..estimate
     }
 }
 
-/// Declared scatter of a touch, the display's steps with it, mm.
+/// Declared scatter of a touch including the display resolution, mm.
 pub fn declared_mm(plan: &Plan, observed: &Observed) -> Option<f64> {
     let declared = plan.probe.repeatability_um?;
     Some((declared * 1e-3).hypot(observed.resolution_mm / 12f64.sqrt()))
 }
 
 fn scatter_parameter(feed_mm_min: f64, Scatter { s_mm, dof }: Scatter) -> Parameter {
-    // GUM E.4.3.
+    // Standard uncertainty of a standard deviation: GUM E.4.3.
     let u_mm = s_mm / (2.0 * dof).sqrt();
     reported_parameter(&format!("s_{feed_mm_min}"), Unit::Um, s_mm, u_mm, Some(dof))
 }
 
-/// Where none is seen: nothing, within the longest that could hide.
+/// Parameter of the scan time. If no scan is detected, its value is 0 with the longest undetectable scan as its
+/// bound.
 fn scan_parameter(scan: &Scan) -> Parameter {
     let longest_s = match scan.latch {
         Latch::Scan(Time { t_s, u_s, dof }) => {

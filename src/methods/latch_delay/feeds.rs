@@ -1,35 +1,36 @@
-//! The two feeds, and the room that a touch at the faster one needs on its way.
+//! The two feeds, and the distance that a touch at the faster one needs.
 
 use crate::Refused;
 use machine::record::machine::{Machine, Probe};
 
 use super::settings::Settings;
 
-/// Nearer to each other the feeds say little.
+/// Minimum ratio of the two feeds.
 const LEAST_RATIO: f64 = 2.0;
-/// The longest delay that a touch must still see at its full feed, s.
+/// Longest delay during which a touch must remain at its full feed, s.
 const LONGEST_DELAY_S: f64 = 0.05;
-/// Accelerations are declared as they are at best; a smooth start takes about twice the way.
+/// Factor on the acceleration distance. Declared accelerations are maxima; a smooth start needs about twice the
+/// distance.
 const GENTLE: f64 = 2.0;
-/// A default feed is lowered in such steps.
+/// Factor by which a default feed is lowered in each step.
 const LOWER: f64 = 0.9;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Feeds {
     pub measuring_mm_min: f64,
     pub fast_mm_min: f64,
-    /// Way on which the fast touch comes to its feed, mm.
+    /// Distance over which the fast touch accelerates to its feed, mm.
     pub run_up_mm: f64,
-    /// What the fast touch needs before the first and beyond the last place of contact, mm: there it
-    /// goes at its feed, and longer than any delay takes.
+    /// Distance that the fast touch needs before the first and beyond the last possible contact, mm, so that it
+    /// moves at its feed for longer than any delay.
     pub room_mm: f64,
 }
 
 impl Feeds {
-    /// `length_mm`: how long a touch is with such a room.
+    /// Chooses the feeds. `length_mm`: length of a touch with a given room.
     ///
     /// # Errors
-    /// Feeds too near to each other, one that no axis can do, one whose touch would be longer than the
+    /// The feeds are too close to each other, no axis reaches one of them, or the touch would be longer than the
     /// overtravel.
     pub fn choose(
         (machine, probe): (&Machine, &Probe),
@@ -86,13 +87,13 @@ impl Feeds {
     }
 }
 
-/// Way from rest to the feed, whichever linear axis is the slowest to get there: v²/2a.
+/// Acceleration distance to the feed on the slowest linear axis: v²/2a.
 pub fn run_up_mm(machine: &Machine, feed_mm_min: f64) -> f64 {
     let weakest = linear(machine, |spec| spec.acceleration_per_s2);
     (feed_mm_min / 60.0).powi(2) / (2.0 * weakest)
 }
 
-/// The least of the linear axes.
+/// Minimum over the linear axes.
 fn linear(machine: &Machine, of: impl Fn(&machine::record::machine::AxisSpec) -> f64) -> f64 {
     let axes = machine.axes.iter().filter(|(axis, _)| axis.is_linear());
     axes.map(|(_, spec)| of(spec)).fold(f64::INFINITY, f64::min)

@@ -1,4 +1,4 @@
-//! The line through positions over feed, with drift; each feed with a scatter of its own.
+//! Fit of the line of position over feed, with drift. Each feed has its own scatter.
 
 use faer::Mat;
 
@@ -12,16 +12,16 @@ use crate::identification::{
 use crate::{IdentifyError, Refused};
 use estimation::linear::{self, LinearProblem, LinearSolution, RANK_THRESHOLD};
 
-/// Weights from the scatter, scatter from the residuals: after so many rounds they stand.
+/// Number of iterations: weights from the scatter, scatter from the residuals. They converge within this number.
 const ROUNDS: usize = 5;
 
-/// Why the equations cannot be solved where they cannot.
+/// Part of the error message for unsolvable equations.
 const LOST: &str = "delay and drift: touch at both feeds in turns";
 
-/// How touches scatter at one feed.
+/// Scatter of the touches at one feed.
 #[derive(Debug, Clone, Copy)]
 pub struct Scatter {
-    /// Standard deviation of one touch, mm; never less than the display's step lets one see.
+    /// Standard deviation of one touch, mm, at least that of the display resolution.
     pub s_mm: f64,
     pub dof: f64,
 }
@@ -30,23 +30,23 @@ pub struct Fitted {
     pub identified: Identification,
     /// Latch delay, s.
     pub delay_s: f64,
-    /// Of the delay, s.
+    /// Uncertainty of the delay, s.
     pub delay_uncertainty: Uncertainty,
     pub scatter: [Scatter; 2],
-    /// mm/s, positive towards the part.
+    /// Drift, mm/s, positive towards the part.
     pub drift_mm_s: f64,
-    /// Each touch less what it would read without delay, mm.
+    /// Position of each touch less its position without delay, mm.
     pub late_mm: Vec<f64>,
 }
 
 /// # Errors
-/// Touches that do not tell delay and drift apart; touches that do not scatter at all where no
-/// resolution of the axes is declared.
+/// The touches do not separate delay and drift, or they do not scatter at all and no resolution of the axes is
+/// declared.
 pub fn fit(observed: &Observed) -> Result<Fitted, IdentifyError> {
     let touches = &observed.touches;
     let Times { middle, half } = Times::of(touches);
     let speeds = observed.speeds();
-    // Unknowns: the position in each segment, mm; the delay, s; half of the drift in all, mm.
+    // Unknowns: the position in each segment, mm; the delay, s; half of the total drift, mm.
     let delay = touches.iter().map(|touch| touch.segment).max().unwrap_or(0) + 1;
     let a = Mat::from_fn(touches.len(), delay + 2, |i, j| match j {
         _ if j < delay => f64::from(u8::from(touches[i].segment == j)),
@@ -78,7 +78,7 @@ pub fn fit(observed: &Observed) -> Result<Fitted, IdentifyError> {
     })
 }
 
-/// Rounds of weights from the scatter and scatter from the residuals.
+/// Iterates weights from the scatter and scatter from the residuals.
 fn reweighted(
     observed: &Observed,
     a: &Mat<f64>,
@@ -112,9 +112,9 @@ fn sigma(touches: &[Touch], scatter: [Scatter; 2]) -> Vec<f64> {
     touches.iter().map(|touch| scatter[touch.feed].s_mm).collect()
 }
 
-/// The scatter at each feed, and what it does not average out of the display's steps, on the delay
-/// itself. `delay`: derivative of the delay by the unknowns. χ² judges none: the sizes follow from the
-/// residuals already.
+/// Sources: the scatter at each feed, and the part of the display resolution that does not average out, as an
+/// effect on the delay itself. `delay`: derivative of the delay by the unknowns. χ² tests none of them, as the
+/// sizes already follow from the residuals.
 fn sources(observed: &Observed, scatter: [Scatter; 2], delay: &[f64]) -> [UncertaintySource; 3] {
     let of_feed = |feed: usize| {
         let Scatter { s_mm, dof } = scatter[feed];
@@ -151,8 +151,7 @@ impl Times {
     }
 }
 
-/// The scatter at one feed from its residuals: their squares over what of them the fit has not taken,
-/// the sum of 1 − h (h the diagonal of the hat matrix).
+/// Scatter at one feed: sum of its squared residuals over the sum of 1 − h, with h the diagonal of the hat matrix.
 fn judged(
     touches: &[Touch],
     a: &Mat<f64>,

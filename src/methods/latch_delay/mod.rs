@@ -1,8 +1,7 @@
-//! How late a contact is latched, by two feeds: one place of the part is touched slowly and fast in
-//! turns. A latch that comes τ after contact finds the axes v·τ further on, so position along the touch
-//! over feed is a line, and its slope is τ. A PLC that looks at the probe once a scan of T comes late by
-//! anything from 0 to T: T/2 on average, and touches scatter by v·T/√12 (rectangular, GUM 4.3.7), which
-//! grows with the feed as no scatter of the probe does.
+//! Latch delay of a contact, from touches of one position of the part at two alternating feeds. A latch that is τ
+//! late records the axes v·τ too far, so the position over the feed is a line with slope τ. A PLC that reads the
+//! probe once per scan of duration T is late by 0 to T, on average T/2. Its touches scatter by v·T/√12
+//! (rectangular, GUM 4.3.7), which grows with the feed, unlike the scatter of the probe.
 
 mod estimate;
 mod feeds;
@@ -94,26 +93,26 @@ fn look(plan: &Plan, readings: &[Reading]) -> Result<(Observed, Fitted, Scan), I
     Ok((observed, fitted, scan))
 }
 
-/// What a run says of the machine, for whoever checks it.
+/// Results of a run for the check of the machine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Found {
     pub latch: Latch,
     pub latch_in_words: String,
-    /// Positive: late.
+    /// Latch delay, s, positive if late.
     pub delay_s: f64,
-    /// Of a delay beyond its uncertainty.
+    /// Description of a delay that exceeds its uncertainty.
     pub delay_in_words: Option<String>,
-    /// Of slow touches that scatter more than declared.
+    /// Description of slow touches that scatter more than declared.
     pub scatter_in_words: Option<String>,
-    /// Standard deviation of a slow touch.
+    /// Standard deviation of a slow touch, mm.
     pub scatter_mm: f64,
-    /// Up to here so few touches do not contradict what is declared.
+    /// Largest scatter of so few touches that does not contradict the declared one, mm.
     pub scatter_bound_mm: Option<f64>,
 }
 
 impl Found {
     /// # Errors
-    /// As [`Method::identify`].
+    /// The errors of [`Method::identify`].
     pub fn of(plan: &Plan, readings: &[Reading]) -> Result<Self, IdentifyError> {
         let (observed, fitted, scan) = look(plan, readings)?;
         let declared_mm = estimate::declared_mm(plan, &observed);

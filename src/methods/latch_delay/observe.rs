@@ -10,43 +10,44 @@ use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
 use machine::{Axis, Position};
 
-/// Fewer at one feed have no scatter.
+/// Minimum number of touches at one feed for a scatter.
 const LEAST_TOUCHES: usize = 3;
-/// Starts nearer than this are the same, mm.
+/// Largest distance between starts that count as the same, mm.
 const SAME_MM: f64 = 1e-3;
 
 /// One touch.
 #[derive(Debug, Clone, Copy)]
 pub struct Touch {
-    /// From the start towards contact, mm.
+    /// Distance from the start towards contact, mm.
     pub along_mm: f64,
-    /// Which of the two feeds: 0 the slow one.
+    /// Index of the feed: 0 is the slow one.
     pub feed: usize,
     pub t_s: f64,
-    /// How many interruptions lie before it.
+    /// Number of interruptions before the touch.
     pub segment: usize,
 }
 
 pub struct Observed {
     pub touches: Vec<Touch>,
-    /// Slow and fast, mm/min.
+    /// Slow and fast feed, mm/min.
     pub feeds_mm_min: [f64; 2],
-    /// One step of the displayed position along the touch.
+    /// Resolution of the displayed position along the touch, mm.
     pub resolution_mm: f64,
-    /// From the start of the touches to contact, mm.
+    /// Mean distance from the start of the touches to contact, mm.
     pub way_mm: f64,
-    /// Whether the readings carry times; otherwise their order serves.
+    /// Whether the readings have times. If not, their order is used.
     pub timed: bool,
 }
 
 impl Observed {
-    /// mm/s.
+    /// Slow and fast speed, mm/s.
     pub fn speeds(&self) -> [f64; 2] {
         self.feeds_mm_min.map(|feed| feed / 60.0)
     }
 }
 
-/// Unit vector from the start of a touch towards its end; zero for a touch without length.
+/// Unit vector from the start of a touch towards its end, and length in mm. Both are zero for a touch without
+/// length.
 fn direction(step: &Step) -> ([f64; 3], f64) {
     let way = Axis::LINEAR.map(|axis| step.to.at(axis) - step.from.at(axis));
     let length = way.iter().map(|part| part * part).sum::<f64>().sqrt();
@@ -61,10 +62,10 @@ fn along(step: &Step, position: &Position) -> Option<f64> {
     Some(sum)
 }
 
-/// Whether the part was found where all touches at both feeds meet it as they must.
+/// Checks that the search found the part where touches at both feeds are possible.
 ///
 /// # Errors
-/// It stands so near to the start, or so far from it, that a fast touch would not go at its feed.
+/// The part is so near to the start, or so far from it, that a fast touch would not have its feed.
 pub fn check_found(plan: &Plan, feeds: &Feeds, readings: &[Reading]) -> Result<(), Refused> {
     let search = plan.steps.iter().find(|step| step.label == SEARCH);
     let found = search.and_then(|step| {
@@ -93,8 +94,8 @@ pub fn check_found(plan: &Plan, feeds: &Feeds, readings: &[Reading]) -> Result<(
 }
 
 /// # Errors
-/// Readings that do not belong to the plan or are missing; another number of feeds than two, too few
-/// touches at one of them; touches of different places, or met before they came to their feed.
+/// Readings do not belong to the plan or are missing; the plan has not exactly two feeds or too few touches at one
+/// of them; touches are of different positions or contact the part before they reach their feed.
 pub fn observe(plan: &Plan, readings: &[Reading]) -> Result<Observed, IdentifyError> {
     let steps: Vec<&Step> = plan.steps.iter().filter(|step| step.label != SEARCH).collect();
     check_complete(plan, &steps, readings)?;
@@ -142,7 +143,7 @@ fn check_complete(plan: &Plan, steps: &[&Step], readings: &[Reading]) -> Result<
     missing.map_or(Ok(()), |step| Err(IdentifyError::missing(step)))
 }
 
-/// Slow and fast.
+/// Slow and fast feed, mm/min.
 fn two_feeds(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
     let mut feeds: Vec<f64> = steps.iter().map(|step| step.feed_mm_min).collect();
     feeds.sort_by(f64::total_cmp);
@@ -153,7 +154,7 @@ fn two_feeds(steps: &[&Step]) -> Result<[f64; 2], IdentifyError> {
     }
 }
 
-/// Where a touch was latched, from its start.
+/// Distance from the start of a touch to the latched position, mm.
 fn at_full_feed(plan: &Plan, step: &Step, reading: &Reading) -> Result<f64, IdentifyError> {
     let (label, length) = (&step.label, direction(step).1);
     let at = along(step, &reading.position).filter(|at| at.is_finite() && reading.t_s.is_finite());

@@ -1,15 +1,15 @@
-//! The delay and the overtravel that follows from it.
+//! Outputs: the delay and the overtravel that it causes.
 
 use super::observe::Observed;
 use crate::identification::{Curve, Output, Outputs};
 use machine::record::estimate::{FigureKind, Unit};
 
-/// How late a contact is latched.
+/// Symbol of the latch delay of a contact.
 const DELAY: &str = "t_latch";
-/// What that makes of a touch at the measuring feed: so much farther along the touch.
+/// Symbol of the overtravel: distance along a touch at the measuring feed that the delay causes.
 const OVERTRAVEL: &str = "E_latch";
 
-/// Of the solution `x`. `delay`: derivative of the delay by the unknowns.
+/// Outputs of the solution `x`. `delay`: derivative of the delay by the unknowns.
 pub fn outputs(observed: &Observed, x: &[f64], delay: &[f64]) -> Outputs {
     let [slow, fast] = observed.speeds();
     let at = |speed: f64| {

@@ -1,8 +1,8 @@
-//! Where the touches go: one place, always the same way.
+//! Touches of the plan: one position, always in the same direction.
 //!
-//! All touches are as long as a search for the part. That takes some seconds more than touches near the
-//! place found, but each is proven against the part wherever it may stand: one contact tells where it
-//! stands along the touch, not across.
+//! All touches are as long as a search for the part. They take a few seconds longer than touches near the found
+//! position, but each is proven against the part at every possible position: one contact determines the position of
+//! the part along the touch, not across it.
 
 use nalgebra::Vector3;
 
@@ -17,17 +17,17 @@ use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position, frame::Point};
 use planning::{Access, Approach, BallTask};
 
-/// Of the first touch, which serves no identification.
+/// Label of the first touch, which is not used for identification.
 pub const SEARCH: &str = "search";
-/// Free way before the first place of contact, and way beyond the last one, mm.
+/// Clearance before the first possible contact, and distance beyond the last one, mm.
 const STANDOFF_MM: f64 = 0.5;
 const BEYOND_MM: f64 = 0.3;
-/// Cosine of one degree.
+/// Minimum cosine of the tilt of the part's axis: one degree.
 const UPRIGHT: f64 = 0.99985;
-/// Touches of one ball that are looked at.
+/// Number of touches of one ball that are considered.
 const OF_A_BALL: usize = 5;
 
-/// The one touch of a plan, without number and feed.
+/// The touch of a plan, without number and feed.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Place {
     pub from: Position,
@@ -35,14 +35,15 @@ pub struct Place {
     pub normal: [f64; 3],
 }
 
-/// How long a touch is where the part may stand `uncertainty_mm` off and the feed takes `room_mm`.
+/// Length of a touch, mm, for a part whose position is uncertain by `uncertainty_mm` and a feed that needs
+/// `room_mm`.
 pub fn length_mm(uncertainty_mm: f64, room_mm: f64) -> f64 {
     2.0 * (uncertainty_mm + room_mm) + STANDOFF_MM + BEYOND_MM
 }
 
 impl Place {
     /// # Errors
-    /// No place that the axes reach, or none that is free.
+    /// The axes reach no position, or none is free of collision.
     pub fn choose(plan: &Plan, settings: &Settings, feeds: &Feeds) -> Result<Self, Refused> {
         let within_mm = uncertainty_mm(&plan.artefact) + feeds.room_mm;
         match &plan.artefact {
@@ -79,13 +80,13 @@ impl Place {
         }
     }
 
-    /// The first approach.
+    /// The search touch.
     pub fn search(&self, feed_mm_min: f64) -> Step {
         self.step((0, 0), StepKind::Touch, SEARCH.to_owned(), feed_mm_min)
     }
 
-    /// Slow, fast, fast, slow and so on: what creeps evenly meanwhile acts on both feeds alike. The slow
-    /// ones are references: after a stop they show whether the part stands as it stood.
+    /// Touches in the order slow, fast, fast, slow and so on, so that a uniform drift affects both feeds alike. The
+    /// slow ones are references: after an interruption they show whether the part has moved.
     pub fn alternating(&self, feeds: &Feeds, touches: u32) -> Vec<Step> {
         let slow = (StepKind::Reference, feeds.measuring_mm_min);
         let fast = (StepKind::Touch, feeds.fast_mm_min);
@@ -107,7 +108,7 @@ fn towards(degrees: f64) -> Vector3<f64> {
     Vector3::new(cos, sin, 0.0)
 }
 
-/// Half-way up the flank.
+/// Touch of a cylinder at half the height of its flank.
 fn on_flank(
     plan: &Plan,
     settings: &Settings,
@@ -181,7 +182,7 @@ fn out_of_travel(plan: &Plan, place: &Place) -> Option<Axis> {
     ends.filter(|(axis, _)| axis.is_linear()).find(outside).map(|(axis, _)| axis)
 }
 
-/// The first ball that can be measured, touched from where it is free.
+/// Touch of the first ball that can be measured, from a free direction.
 fn on_ball(
     plan: &Plan,
     settings: &Settings,

@@ -1,27 +1,27 @@
-//! Whether a scan lies between contact and latch.
+//! Detection of a scan between contact and latch.
 
 use super::fit::{Fitted, Scatter};
 use super::observe::Observed;
 use estimation::coverage::{coverage_factor, variance_ratio_bound};
 
-/// How often a scan is seen where there is none.
+/// Significance level of the detection: probability of a false detection.
 pub const LEVEL: f64 = 0.01;
-/// Fourth moment of a rectangular distribution over its squared variance.
+/// Fourth moment of a rectangular distribution divided by its squared variance.
 const FLAT: f64 = 1.8;
 
-/// Where the latch lies, as far as the touches tell.
+/// Location of the latch, as far as the touches determine it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Latch {
-    /// No scan is seen; one longer than this would have been, s.
+    /// The control latches. No scan is detected; a longer one than this would have been, s.
     Control {
         longest_s: f64,
     },
     Scan(Time),
-    /// Fast touches scatter more, but come too early for a scan of that length.
+    /// Fast touches scatter more, but their delay is too short for a scan of that duration.
     Unsteady(Time),
 }
 
-/// The scan that the scatter would need.
+/// Scan duration that explains the scatter, s.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Time {
     pub t_s: f64,
@@ -34,7 +34,7 @@ impl Time {
         coverage_factor(self.dof) * self.u_s
     }
 
-    /// The longest that it may be.
+    /// Upper bound of the scan duration, s.
     pub fn most_s(&self) -> f64 {
         self.t_s + self.expanded_s()
     }
@@ -42,20 +42,20 @@ impl Time {
 
 pub struct Scan {
     pub latch: Latch,
-    /// Variance at the fast feed over that at the slow one, and what it stays below with probability
-    /// 1 − [`LEVEL`] where there is no scan.
+    /// Variance at the fast feed divided by that at the slow one, and the limit that it does not exceed with
+    /// probability 1 − [`LEVEL`] without a scan.
     pub ratio: f64,
     pub limit: f64,
 }
 
-/// F test of the two scatters (one-sided), and what follows.
+/// One-sided F test of the two scatters, and the resulting latch.
 pub fn judge(observed: &Observed, fitted: &Fitted) -> Scan {
     let [slow, fast] = fitted.scatter;
     let ratio = (fast.s_mm / slow.s_mm).powi(2);
     let limit = variance_ratio_bound(1.0 - LEVEL, fast.dof, slow.dof).unwrap_or(f64::INFINITY);
     let latch = if ratio > limit {
         let time = time(observed.speeds(), slow, fast);
-        // A scan comes late by half of itself at least.
+        // The mean delay of a scan is at least half of its duration.
         let early = time.t_s / 2.0 - fitted.delay_s;
         let delay = &fitted.delay_uncertainty;
         let dof = delay.dof.map_or(time.dof, |dof| dof.min(time.dof));
@@ -69,8 +69,8 @@ pub fn judge(observed: &Observed, fitted: &Fitted) -> Scan {
     Scan { latch, ratio, limit }
 }
 
-/// T from s₂² − s₁² = (v₂² − v₁²)·T²/12. A variance of n touches has the variance
-/// μ₄/n − σ⁴(n − 3)/(n(n − 1)); of a rectangular part A and a normal part B, μ₄ is 1.8 A² + 6 AB + 3 B².
+/// T from s₂² − s₁² = (v₂² − v₁²)·T²/12. The variance of n touches has the variance μ₄/n − σ⁴(n − 3)/(n(n − 1)).
+/// For a rectangular part A and a normal part B, μ₄ is 1.8 A² + 6 AB + 3 B².
 fn time(speeds: [f64; 2], slow: Scatter, fast: Scatter) -> Time {
     let span = speeds[1].powi(2) - speeds[0].powi(2);
     let more = fast.s_mm.powi(2) - slow.s_mm.powi(2);
@@ -87,7 +87,8 @@ fn time(speeds: [f64; 2], slow: Scatter, fast: Scatter) -> Time {
     Time { t_s, u_s, dof: 2.0 * more * more / variance }
 }
 
-/// The longest scan that could hide: by the scatter, and because it comes late by half of itself.
+/// Longest scan that is compatible with the scatter and with the mean delay, which is at least half of its
+/// duration.
 fn longest(speeds: [f64; 2], fitted: &Fitted, ratio: f64) -> f64 {
     let [slow, fast] = fitted.scatter;
     let wide = variance_ratio_bound(1.0 - LEVEL, slow.dof, fast.dof).unwrap_or(f64::INFINITY);

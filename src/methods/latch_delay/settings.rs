@@ -7,14 +7,14 @@ use crate::Refused;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Feed of the faster touches. Absent: the search feed, or as much of it as braking within the
-    /// overtravel leaves.
+    /// Feed of the faster touches. Absent: the search feed, reduced so that the axes can brake within the
+    /// overtravel.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fast_feed_mm_min: Option<f64>,
-    /// Touches at each feed.
+    /// Number of touches at each feed.
     pub touches: u32,
-    /// Where the probe stands beside the artefact, seen from above, from X towards Y. Absent: a round part
-    /// from the first of 0°, 90°, 180° and 270° that the axes reach, a ball from above.
+    /// Azimuth of the probe position at the artefact, seen from above, from X towards Y. Absent: for a round part
+    /// the first of 0°, 90°, 180° and 270° that the axes reach, for a ball from above.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub direction_deg: Option<f64>,
 }
@@ -25,12 +25,12 @@ impl Default for Settings {
     }
 }
 
-/// Fewer at each feed do not show how they scatter.
+/// Minimum number of touches at each feed for an estimate of their scatter.
 pub const LEAST_TOUCHES: u32 = 5;
 const MOST_TOUCHES: u32 = 200;
 
 impl Settings {
-    /// What would fail on the way, refused before the first move.
+    /// Rejects settings that would fail during the run.
     pub fn check(&self) -> Result<(), Refused> {
         let refused = |why, instead: &str| Err(Refused { why, instead: instead.to_owned() });
         if !(LEAST_TOUCHES..=MOST_TOUCHES).contains(&self.touches) {

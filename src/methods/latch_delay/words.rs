@@ -1,14 +1,14 @@
-//! What was found, for a person.
+//! Texts of the results for the operator.
 
 use super::fit::Fitted;
 use super::observe::Observed;
 use super::scan::{LEVEL, Latch, Scan, Time};
 use estimation::coverage::chi_square_bounds;
 
-/// Declared scatter counts as contradicted beyond the bounds that it meets with this probability.
+/// Probability with which the declared scatter meets its bounds. Outside of them it counts as contradicted.
 const DECLARED: f64 = 0.998;
 
-/// What so many slow touches scatter by at most where `declared_mm` and a scan explain it.
+/// Largest scatter of the slow touches that `declared_mm` and a scan explain, mm.
 pub fn scatter_bound_mm(
     observed: &Observed,
     fitted: &Fitted,
@@ -17,7 +17,7 @@ pub fn scatter_bound_mm(
 ) -> Option<f64> {
     let [slow, _] = fitted.scatter;
     let explained = match scan.latch {
-        // As long as the scan may be.
+        // With the upper bound of the scan duration.
         Latch::Scan(time) => {
             declared_mm.powi(2) + (observed.speeds()[0] * time.most_s()).powi(2) / 12.0
         }
@@ -27,7 +27,7 @@ pub fn scatter_bound_mm(
     Some((upper * explained / slow.dof).sqrt())
 }
 
-/// Where the latch lies.
+/// Text on the location of the latch.
 pub fn of_latch(observed: &Observed, fitted: &Fitted, scan: &Scan) -> String {
     let [slow, fast] = observed.feeds_mm_min;
     let [s_slow, s_fast] = fitted.scatter.map(|scatter| scatter.s_mm * 1e3);
@@ -56,7 +56,7 @@ pub fn of_latch(observed: &Observed, fitted: &Fitted, scan: &Scan) -> String {
     }
 }
 
-/// Of a delay beyond its uncertainty.
+/// Text on a delay that exceeds its uncertainty.
 pub fn of_delay(observed: &Observed, fitted: &Fitted) -> Option<String> {
     let [slow, _] = observed.feeds_mm_min;
     let (delay_ms, expanded_ms) = (fitted.delay_s * 1e3, fitted.delay_uncertainty.expanded() * 1e3);
@@ -78,7 +78,7 @@ pub fn of_delay(observed: &Observed, fitted: &Fitted) -> Option<String> {
     }
 }
 
-/// Of touches that scatter more than declared.
+/// Text on touches that scatter more than declared.
 pub fn of_scatter(
     observed: &Observed,
     fitted: &Fitted,
@@ -114,7 +114,7 @@ pub fn warnings(
     lines.into_iter().flatten().chain((!observed.timed).then(timeless)).collect()
 }
 
-/// `F = 840 against 4.7 at 1 %`
+/// Text such as `F = 840 against 4.7 at 1 %`.
 fn test(scan: &Scan) -> String {
     format!("F = {:.1} against {:.1} at {} %", scan.ratio, scan.limit, LEVEL * 100.0)
 }

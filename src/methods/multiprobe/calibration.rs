@@ -1,4 +1,5 @@
-//! Gains and angles of the sensors, as their turns show them together with what the machine file declares.
+//! Gains and angles of the sensors, from the scanned revolutions together with the values declared in the machine
+//! file.
 
 use estimation::revolutions::{
     DeclaredSensor, HarmonicData, RowRevolutions, SensorCalibration, calibrate_sensors,
@@ -10,11 +11,11 @@ use super::settings::Settings;
 use crate::IdentifyError;
 use crate::identification::reported_parameter;
 
-/// A deviation is reported where its standard uncertainty falls below this part of the declared one.
+/// A deviation is reported if its standard uncertainty is below this fraction of the declared one.
 const MIN_IMPROVEMENT: f64 = 0.9;
 
 /// # Errors
-/// Rows that do not tell eccentricity and motion apart.
+/// The rows do not separate eccentricity and motion.
 pub fn calibrate(
     layout: &ProbeLayout,
     settings: &Settings,
@@ -45,7 +46,7 @@ pub fn correct_angles(calibration: &SensorCalibration, layout: &mut ProbeLayout)
     layout.channels.iter_mut().zip(angles).for_each(|(channel, by)| channel.angle_rad += by);
 }
 
-/// Of each sensor, as far as the turns show it better than it is declared.
+/// Deviations of the sensors that the measurement determines better than the declaration.
 pub fn parameters(
     calibration: &SensorCalibration,
     layout: &ProbeLayout,

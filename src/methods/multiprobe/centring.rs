@@ -1,4 +1,4 @@
-//! Eccentricity of the artefact from one revolution in few stops, for the person who centres it.
+//! Eccentricity of the artefact from one revolution with few stops, for the operator who centres it.
 
 use std::f64::consts::PI;
 
@@ -9,19 +9,20 @@ use faer::c64;
 use machine::record::reading::Reading;
 use machine::record::watch::{SectionSensor, WatchedSensor};
 
-/// Stops in the revolution.
+/// Number of stops in the revolution.
 pub const CENTRING_POINTS: usize = 12;
 
-/// What the last round of centring has shown.
+/// Result of the last round of centring.
 pub struct Centring {
-    /// Sections from the table's axis in the directions of X and Y as the table stands after the round, mm.
+    /// Positions of the sections relative to the table's axis along X and Y, with the table at its angle after the
+    /// round, mm.
     offsets_mm: Vec<[f64; 2]>,
-    /// Last distance of each sensor, as the table stands after the round, mm.
+    /// Last distance of each sensor, with the table at its angle after the round, mm.
     last_mm: Vec<Option<f64>>,
 }
 
 impl Centring {
-    /// `None`: no round was measured.
+    /// Evaluates the last round. `None`: no round was measured.
     pub fn of(setup: &Setup<'_>, readings: &[Reading]) -> Option<Self> {
         let is_centring = |label: &str| matches!(label.parse::<Label>(), Ok(Label::Centring(_)));
         let step = setup.plan.steps.iter().rev().find(|step| is_centring(&step.label))?;
@@ -42,7 +43,8 @@ impl Centring {
         self.offsets_mm.iter().all(|[x, y]| x.hypot(*y) <= limit_mm)
     }
 
-    /// The sensors to watch. Centring makes a radial value greater by the eccentricity's component towards the sensor.
+    /// Sensors to display. Centring increases a radial value by the component of the eccentricity towards the
+    /// sensor.
     pub fn watch(&self, setup: &Setup<'_>) -> Vec<WatchedSensor> {
         let channels = setup.layout.channels.iter().zip(&self.last_mm);
         let watched = channels.map(|(channel, last_mm)| {
@@ -58,7 +60,7 @@ impl Centring {
         watched.collect()
     }
 
-    /// What to do, for the prompt.
+    /// Text of the prompt.
     pub fn text(&self, setup: &Setup<'_>) -> String {
         let section = |(number, [x, y]): (usize, &[f64; 2])| {
             format!("section {number} by X {:+.1} µm, Y {:+.1} µm", -x * 1e3, -y * 1e3)
@@ -72,13 +74,13 @@ impl Centring {
     }
 }
 
-/// The centre of a section from the axis with the table at the angle `stands`, rad: the first harmonic of its
+/// Centre of a section relative to the axis with the table at the angle `stands`, rad: the first harmonic of its
 /// sensors over the table's angle, which has the phase of γ − σq.
 fn offset_mm(setup: &Setup<'_>, section: usize, round: &[&Reading], stands: f64) -> [f64; 2] {
     let of_sensor = |channel: &Channel| {
         let own = round.iter().filter(|reading| reading.sensor == channel.name);
         let points = own.filter_map(|r| Some((r.position.at(setup.axis) - stands, -r.value_mm?)));
-        // The last stop is the first one again.
+        // The last stop has the same angle as the first one.
         let is_new = |(turned, _): &(f64, f64)| turned.abs() > PI / CENTRING_POINTS as f64;
         let points: Vec<(f64, f64)> = points.filter(is_new).collect();
         let count = points.len().max(1) as f64;

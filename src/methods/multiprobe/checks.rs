@@ -1,4 +1,4 @@
-//! Refusals of a layout before motion, each with a better layout.
+//! Checks of a layout before motion. A refusal names a better layout.
 
 use estimation::revolutions::AngleRange;
 use std::ops::RangeInclusive;
@@ -11,16 +11,15 @@ use super::model::{Channel, Component, ProbeLayout, Surface, equal_steps_rad};
 use super::outputs::ReportedMotions;
 use crate::Refused;
 
-/// A suggested sensor has at least this distance to the others, for its housing.
+/// Minimum angle between a suggested sensor and the others, for the space of its housing.
 const HOUSING_ANGLE_DEG: f64 = 30.0;
-/// A better angle is sought in these steps.
+/// Step of the search for a better angle.
 const SOUGHT_STEP_DEG: f64 = 10.0;
 
-/// Refuses surfaces that the observation equation does not hold.
+/// Refuses surfaces that the observation equation does not describe.
 ///
 /// # Errors
-/// A section without height; a face without two sections, or with
-/// sensors on different radii.
+/// A section has no height; a face has no two sections, or its sensors have different radii.
 pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), Refused> {
     let refuse = |why: &str, instead: &str| Err(Refused::new(why, instead));
     let sections = layout.section_z_mm.len();
@@ -51,7 +50,7 @@ pub fn check_surfaces(layout: &ProbeLayout) -> Result<(), Refused> {
 /// Refuses coinciding and opposed sensors of one section.
 ///
 /// # Errors
-/// The two sensors, and the best angle for the second of them outside the `exclusions`.
+/// Names the two sensors, and the best angle for the second one outside the `exclusions`.
 pub fn check_sensor_angles(layout: &ProbeLayout, exclusions: &[AngleRange]) -> Result<(), Refused> {
     for (i, first) in layout.channels.iter().enumerate() {
         for second in &layout.channels[i + 1..] {
@@ -93,18 +92,19 @@ fn angle_deg(channel: &Channel) -> f64 {
     channel.angle_rad.to_degrees().rem_euclid(360.0)
 }
 
-/// Where a third sensor has the least noise gain, degrees, and this gain. Its housing has room beside the others.
+/// Angle of a third sensor with the smallest noise gain, degrees, and this gain. The angle leaves space for the
+/// housings.
 fn best_third(pair_deg: [f64; 2], exclusions: &[AngleRange]) -> Option<(f64, f64)> {
     let housings = pair_deg.map(|deg| AngleRange::about(deg, HOUSING_ANGLE_DEG));
     let exclusions = [exclusions, &housings].concat();
     third_angles(pair_deg, SOUGHT_STEP_DEG, &exclusions).into_iter().next()
 }
 
-/// Refuses a layout that loses one of the `orders` of an error motion. The co-rotating first harmonic is
-/// lost by nature and no reason.
+/// Refuses a layout that does not determine one of the `orders` of an error motion. The co-rotating first harmonic
+/// is never determined and is not a reason for refusal.
 ///
 /// # Errors
-/// What is lost, and a number of indexes that loses nothing.
+/// Names the undetermined harmonics, and a number of indexes that determines all.
 pub fn check_orders(
     layout: &ProbeLayout,
     motions: &[Component],
@@ -131,10 +131,10 @@ pub fn check_orders(
     Err(Refused::new(why, instead))
 }
 
-/// What a layout does not measure, and what least certainly: for a person, before anything moves.
+/// Text for the operator before motion: what the layout does not measure, and what it measures least accurately.
 ///
 /// # Errors
-/// Angles that are not finite.
+/// An angle is not finite.
 pub fn weak_points(
     layout: &ProbeLayout,
     harmonics: usize,
@@ -155,7 +155,7 @@ pub fn weak_points(
     Ok([lost, weakest, third].into_iter().flatten().collect())
 }
 
-/// Noise gain of three sensors of one section in one mounting, and the best place of the third.
+/// Noise gain of three sensors of one section in one mounting, and the best angle of the third.
 fn third_sensor(
     section: &ProbeLayout,
     exclusions: &[AngleRange],

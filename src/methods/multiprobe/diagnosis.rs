@@ -1,5 +1,5 @@
-//! Faults of channels and mounting that the data show: swapped channels, a wrong index, a channel on a
-//! clock of its own, saturation.
+//! Faults of channels and mounting that the data reveal: swapped channels, a wrong index, a channel with a separate
+//! clock, saturation.
 
 use std::f64::consts::TAU;
 
@@ -10,14 +10,14 @@ use super::fit::SeparationFit;
 use super::model::ProbeLayout;
 use crate::IdentifyError;
 
-/// A correction must reduce χ² to this part of the uncorrected value.
+/// A correction is accepted if it reduces χ² to less than this fraction of the uncorrected value.
 const MAX_CORRECTED_SHARE: f64 = 0.1;
-/// Probability that χ² of a right layout stays below the bound.
+/// Probability that χ² of a correct layout is below the bound.
 const CREDIBLE: f64 = 0.998;
-/// A wrong index must change χ² by this much to be noticed.
+/// Minimum change of χ² by a wrong index for the index to be verifiable.
 const MIN_CONFIRMING_CHI2: f64 = 25.0;
-/// An index offset is sought in steps of a quarter of the period of the highest harmonic, then about the best
-/// of them in these.
+/// The index offset is searched in steps of a quarter of the period of the highest harmonic, then near the best of
+/// them in steps of this size.
 const OFFSET_STEP_DEG: f64 = 0.1;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Diagnosis {
@@ -38,32 +38,33 @@ pub enum Diagnosis {
     ClockError { channel: String, relative: f64 },
 }
 
-/// Whether the data confirm the layout.
+/// Result of the check of the layout against the data.
 #[derive(Debug, Clone, PartialEq)]
 pub enum LayoutCheck {
     Confirmed,
-    /// The artefact is too round: a wrong index would not be noticed.
+    /// The artefact is too round: a wrong index would not be detected.
     NotConfirmed,
     Wrong(Diagnosis),
-    /// The mountings contradict each other by more than is declared, and no wrong index explains it.
+    /// The mountings differ by more than declared, and no wrong index explains the difference.
     Contradictory,
 }
 
-/// `expected`: χ² over its degrees of freedom where all is as declared, 1 for noise alone.
+/// Whether χ² is plausible. `expected`: ratio of χ² to its degrees of freedom if all sources are as declared, 1 for
+/// noise alone.
 fn is_credible((chi2, dof): (f64, usize), expected: f64, data: &HarmonicData) -> bool {
-    // The scatter behind the weights is itself estimated: the mean of 1/s² is larger than 1/σ².
+    // The scatter in the weights is itself estimated: the mean of 1/s² is larger than 1/σ².
     let of_scatter = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
     let expected = expected.max(1.0) / (1.0 - (2.0 / of_scatter).min(0.9));
     chi_square_bounds(dof as f64, CREDIBLE).is_none_or(|(_, upper)| chi2 <= upper * expected)
 }
 
-/// Channels and mounting angles against the form of the artefact: the one change of the layout that explains residuals
-/// that it does not. Two channels may be exchanged, one index, or all from one on, wrong by the same angle. Without
-/// redundancy (one index, three sensors a section) nothing is found. `expected`: χ² over its degrees of freedom where
-/// all is as declared.
+/// Checks channels and mounting angles against the form of the artefact. Searches for one change of the layout that
+/// explains the residuals: two exchanged channels, one index, or all indexes from one on, wrong by the same angle.
+/// Without redundancy (one index, three sensors per section) nothing is found. `expected`: ratio of χ² to its
+/// degrees of freedom if all sources are as declared.
 ///
 /// # Errors
-/// As [`SeparationFit::new`].
+/// The errors of [`SeparationFit::new`].
 pub fn check_layout(
     layout: &ProbeLayout,
     data: &HarmonicData,
@@ -97,7 +98,7 @@ pub fn check_layout(
     })
 }
 
-/// With two channels exchanged, and with all mountings the other way round.
+/// Layouts with two channels exchanged, and the layout with all mountings in the opposite direction.
 fn changed_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, Diagnosis)> {
     let channels = layout.channels.len();
     let pairs = (1..channels).flat_map(|second| (0..second).map(move |first| (first, second)));
@@ -112,15 +113,15 @@ fn changed_layouts(layout: &ProbeLayout) -> Vec<(ProbeLayout, Diagnosis)> {
     swapped.chain([(mirrored, Diagnosis::MirroredIndexes)]).collect()
 }
 
-/// χ² that a shift of one index by one step would add.
+/// Increase of χ² by a shift of one index by one step.
 fn shift_chi2(layout: &ProbeLayout, data: &HarmonicData, fit: &SeparationFit, index: usize) -> f64 {
     let mut shifted = layout.clone();
     shifted.index_angles_rad[index] += TAU / layout.index_angles_rad.len() as f64;
     fit.difference_chi2(&shifted, data, &fit.predicted(layout, &data.rows))
 }
 
-/// The offset of the moved rows that agrees best with the motions and the form that the other rows give,
-/// with χ² of all rows. `None`: fewer than two other indexes.
+/// Offset of the moved rows that agrees best with the motions and the form from the other rows, with χ² of all
+/// rows. `None`: there are fewer than two other indexes.
 fn best_offset(
     layout: &ProbeLayout,
     data: &HarmonicData,
@@ -151,8 +152,8 @@ fn best_offset(
     Ok(offsets.map(of).min_by(least))
 }
 
-/// Channels whose pattern moves on from revolution to revolution. The revolutions of a row follow each
-/// other in time and direction.
+/// Channels whose pattern shifts from revolution to revolution. The revolutions of a row are consecutive and in the
+/// same direction.
 pub fn clock_errors(layout: &ProbeLayout, measured: &[RowRevolutions]) -> Vec<Diagnosis> {
     let channels = layout.channels.iter().enumerate();
     let diagnosis = |(i, channel): (usize, &super::model::Channel)| {

@@ -1,4 +1,4 @@
-//! Plan + readings → estimate.
+//! Identification: from plan and readings to the estimate.
 
 use super::calibration;
 use super::diagnosis::{Diagnosis, LayoutCheck, check_layout, clock_errors};
@@ -23,7 +23,7 @@ use machine::record::reading::Reading;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x6d75_6c74;
-/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+/// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
 const MAX_TRIALS: usize = 20_000;
 
@@ -34,8 +34,8 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 };
 
 /// # Errors
-/// Readings that do not belong to the plan or do not separate motion and artefact; channels that are swapped or
-/// have a clock of their own; indexes that are wrong from one on.
+/// The readings do not belong to the plan or do not separate motion and artefact; channels are swapped or have a
+/// separate clock; all indexes from one on are wrong.
 pub fn estimate(
     plan: &Plan,
     settings: &Settings,
@@ -48,7 +48,7 @@ pub fn estimate(
     {
         return Err(refused(&fault));
     }
-    // Turns in both directions cancel a constant rate; what is not constant is in their scatter.
+    // Turns in both directions cancel a constant drift rate. Other drift is part of their scatter.
     let net = if settings.both_directions { 0.0 } else { observed.revolution_s };
     let drift_mm_per_revolution = drift_mm_per_s(plan) * net;
     let linearity = Vec::new();
@@ -64,7 +64,7 @@ pub fn estimate(
     let trials = TrialPlan { seed: MONTE_CARLO_SEED, trials };
     let (_, separated) = separate(&setup, &observed.rows, &sizes, Some(trials))?;
     let mut estimate = separated.identification.estimate(super::NAME);
-    // The ranges, which tolerances are stated for, come first.
+    // The ranges come first, as tolerances are stated for them.
     let nonlinear = separated.identification.outputs.nonlinear.as_ref();
     estimate.parameters.rotate_right(nonlinear.map_or(0, |nonlinear| nonlinear.outputs.len()));
     let motions = ReportedMotions::new(&setup.layout, &separated.fit);
@@ -106,7 +106,7 @@ fn harmonic_data(
     HarmonicData::from_revolutions(&rows.iter().map(steady).collect::<Vec<_>>(), settings.harmonics)
 }
 
-/// `sizes`: without the linearity of the sensors, which depends on the rows.
+/// Separates motion and artefact. `sizes`: without the linearity of the sensors, which depends on the rows.
 fn separate(
     setup: &Setup<'_>,
     rows: &[RowRevolutions],
@@ -120,8 +120,8 @@ fn separate(
     Ok((data, separated))
 }
 
-/// Of the sensors of the first section, for each separation: standard uncertainty of a coefficient of EXC where
-/// those of one sensor have 1 µm. Orders that it loses are left out.
+/// Noise gains of the sensors of the first section, for each separation: standard uncertainty of a coefficient of
+/// EXC if those of one sensor have 1 µm. Undetermined orders are omitted.
 fn gain_functions(setup: &Setup<'_>) -> Vec<Function> {
     let layout = setup.layout.first_section();
     let separations = [
@@ -138,7 +138,7 @@ fn gain_functions(setup: &Setup<'_>) -> Vec<Function> {
     separations.into_iter().filter_map(function).collect()
 }
 
-/// Of each sensor the mean of each revolution, less that of its mounting, in the order of time.
+/// Mean of each revolution of each sensor, less that of its mounting, in the order of time.
 fn stability(setup: &Setup<'_>, rows: &[RowRevolutions]) -> Vec<Function> {
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
     let of_row = |row: &RowRevolutions| {
@@ -168,7 +168,7 @@ fn warnings(observed: &Observed, of_index: Option<String>, separated: &Separated
     lines
 }
 
-/// Takes a single wrong index out of the rows; what else the form of the artefact says of the indexes.
+/// Corrects a single wrong index in the rows. Returns a warning on the indexes from the form of the artefact.
 fn check_rows(
     setup: &Setup<'_>,
     sizes: &SourceSizes<'_>,

@@ -8,8 +8,8 @@ use super::model::ProbeLayout;
 use crate::IdentifyError;
 use crate::identification::{BlockEquations, BlockFit, BlockwiseFit, multiply};
 
-/// All harmonics from 1 on, a block each. The observations of a channel are a group: its parts over the indexes
-/// that a motion or a form can take.
+/// Fit of all harmonics from 1 on, one block each. The observations of a channel form a group: the parts over the
+/// indexes that a motion or a form can absorb.
 pub struct SeparationFit(BlockwiseFit);
 
 impl Deref for SeparationFit {
@@ -22,7 +22,7 @@ impl Deref for SeparationFit {
 
 impl SeparationFit {
     /// # Errors
-    /// Values that are not finite.
+    /// A value is not finite.
     pub fn new(layout: &ProbeLayout, data: &HarmonicData) -> Result<Self, IdentifyError> {
         let channels: Vec<usize> = data.rows.iter().map(|row| row.channel).collect();
         let equations = |order: usize| BlockEquations {
@@ -35,14 +35,14 @@ impl SeparationFit {
         BlockwiseFit::new((1..=data.orders()).map(equations)).map(Self)
     }
 
-    /// Σ(residual/σ)² of all observations, and their degrees of freedom, without the first harmonic: it holds the
-    /// eccentricity of each mounting, which the model does not.
+    /// Σ(residual/σ)² of all observations with their degrees of freedom. The first harmonic is omitted: it contains
+    /// the eccentricity of each mounting, which is not in the model.
     pub fn chi2(&self) -> (f64, usize) {
         let higher = self.blocks.iter().skip(1);
         higher.fold((0.0, 0), |(chi2, dof), fit| (chi2 + fit.chi2, dof + fit.dof))
     }
 
-    /// Observations that the solution gives with another layout: the effect of an error of it.
+    /// Observations that the solution predicts with another layout: the effect of a layout error.
     pub fn predicted(&self, layout: &ProbeLayout, rows: &[Row]) -> Vec<f64> {
         let of = |(order, fit): (usize, &BlockFit)| {
             multiply(&layout.design(rows, order), &fit.solution.x)
@@ -50,8 +50,8 @@ impl SeparationFit {
         (1..).zip(&self.blocks).flat_map(of).collect()
     }
 
-    /// Σ(difference/σ)² of what the solution gives with another layout and `others`, the same as observations or of
-    /// another layout, without the first harmonic.
+    /// Σ(difference/σ)² between the observations that the solution predicts with another layout and `others`,
+    /// without the first harmonic. `others` are observations, or predictions for another layout.
     pub fn difference_chi2(
         &self,
         layout: &ProbeLayout,

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-/// What a step is for. Mountings and rounds of centring are counted from 1.
+/// Purpose of a step. Mountings and rounds of centring are counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Label {
     Mount(usize),

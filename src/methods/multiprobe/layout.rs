@@ -1,5 +1,5 @@
-//! What a layout of radial sensors and indexes separates, before anything is measured: noise gain, the best
-//! third angle.
+//! Prediction, before the measurement, of what a layout of radial sensors and indexes separates: noise gain, best
+//! angle of the third sensor.
 
 use std::ops::RangeInclusive;
 
@@ -11,11 +11,12 @@ use super::model::{Component, ProbeLayout};
 use super::outputs::ReportedMotions;
 use crate::Refused;
 
-/// Harmonics that decide between layouts.
+/// Harmonics by which layouts are ranked.
 pub const RANKED_ORDERS: RangeInclusive<usize> = 2..=20;
-/// Sensors nearer than this to each other, or to the opposite side, do not separate X from Y.
+/// Minimum angle between two sensors, and between a sensor and the opposite side of another. Below it they do not
+/// separate X from Y.
 pub const MIN_SENSOR_ANGLE_DEG: f64 = 5.0;
-/// Which measurements of a layout take part.
+/// Selection of the measurements of a layout that are used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Separation {
     /// All sensors, artefact not indexed.
@@ -26,11 +27,11 @@ pub enum Separation {
     Combined,
 }
 
-/// Harmonics `orders`, from 2 on, with the noise of EXC over the noise of one sensor, infinite where the order is
-/// lost. Of radial sensors of one section.
+/// Harmonics `orders`, from 2 on, with the noise of EXC relative to the noise of one sensor, for radial sensors of
+/// one section. The value is infinite if the order is not determined.
 ///
 /// # Errors
-/// Angles that are not finite.
+/// An angle is not finite.
 pub fn noise_gains(
     layout: &ProbeLayout,
     separation: Separation,
@@ -57,7 +58,7 @@ pub fn noise_gain(layout: &ProbeLayout, separation: Separation) -> Result<f64, R
     Ok(crate::identification::rms(&gains.iter().map(|(_, gain)| *gain).collect::<Vec<_>>()))
 }
 
-/// The fit of harmonics 1..=`orders` of zeros, each observation with a standard uncertainty of 1 mm.
+/// Fit of the harmonics 1..=`orders` to zeros, each observation with a standard uncertainty of 1 mm.
 pub fn unit_noise_fit(
     layout: &ProbeLayout,
     rows: Vec<Row>,
@@ -69,8 +70,8 @@ pub fn unit_noise_fit(
     SeparationFit::new(layout, &data).map_err(|error| refused(error.to_string()))
 }
 
-/// Positions of the third sensor in steps of `step_deg` outside the `exclusions`, those of least noise
-/// gain of the multiprobe separation first, with this gain. None that loses one of [`RANKED_ORDERS`].
+/// Angles of the third sensor in steps of `step_deg` outside the `exclusions`, with the noise gain of the
+/// multiprobe separation, in ascending order of it. Angles that do not determine all [`RANKED_ORDERS`] are omitted.
 pub fn third_angles(
     pair_deg: [f64; 2],
     step_deg: f64,
@@ -92,7 +93,7 @@ pub fn third_angles(
     found
 }
 
-/// Angle between the lines of two sensors, 0 to 90°.
+/// Angle between the directions of two sensors, 0 to 90°.
 pub fn sensor_angle_deg(a_deg: f64, b_deg: f64) -> f64 {
     let between = (a_deg - b_deg).rem_euclid(180.0);
     between.min(180.0 - between)

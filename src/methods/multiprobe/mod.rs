@@ -1,10 +1,10 @@
-//! Error motions of a rotary axis by multiprobe and multistep separation (paper 3): sensors around a
-//! cylinder on the table, the cylinder indexed against the table. From samples of several revolutions to
-//! five of the six error motions; the angular positioning error is not visible on a round artefact.
+//! Error motions of a rotary axis by multiprobe and multistep separation (paper 3): sensors around a cylinder on
+//! the table, with the cylinder indexed relative to the table. Samples of several revolutions give five of the six
+//! error motions. The angular positioning error is not measurable with a round artefact.
 //!
-//! [`estimation::revolutions`] puts samples on equal angles and reduces revolutions to harmonics with their
-//! scatter; [`identify`] separates motion and artefact harmonic by harmonic. [`layout`] predicts before
-//! the measurement what a layout separates.
+//! [`estimation::revolutions`] resamples to equal angles and computes harmonics with their scatter. [`identify`]
+//! separates motion and artefact harmonic by harmonic. [`layout`] predicts before the measurement what a layout
+//! separates.
 
 mod calibration;
 mod centring;
@@ -91,11 +91,10 @@ struct Separated {
     pub fit: SeparationFit,
 }
 
-/// Separates motion and artefact. Values by ISO 230-7 and roundness have an uncertainty only with
-/// `trials`.
+/// Separates motion and artefact. Values by ISO 230-7 and roundness have an uncertainty only with `trials`.
 ///
 /// # Errors
-/// Values that are not finite; fewer than two trials.
+/// A value is not finite, or there are fewer than two trials.
 fn identify(
     layout: &ProbeLayout,
     data: &HarmonicData,
@@ -104,7 +103,7 @@ fn identify(
 ) -> Result<Separated, IdentifyError> {
     let fit = SeparationFit::new(layout, data)?;
     let motions = ReportedMotions::new(layout, &fit);
-    // The values by ISO 230-7 and the roundness have their uncertainty from the trials.
+    // The uncertainties of the values by ISO 230-7 and of the roundness come from the trials.
     let nonlinear = motions.ranges(sizes.settings.sampling);
     let outputs = Outputs { nonlinear: Some(nonlinear), ..motions.linear_outputs() };
     let sources = sources(layout, data, &fit, sizes);

@@ -1,31 +1,30 @@
 //! Sensor layout and observation equation of one harmonic (paper 3, Eq. (1), for all sensors at once).
 //!
-//! Conventions. A sensor reads the distance from its zero point along its direction to the surface: a
-//! surface that comes nearer makes the value smaller. The *deviation* m = −value is therefore the
-//! displacement of the surface towards the sensor: outwards along n(γ) = (cos γ, sin γ) for a radial
-//! sensor at the angle γ, along +Z for an axial sensor above the face. γ counts counter-clockwise
-//! seen from +Z.
+//! Conventions. A sensor measures the distance from its zero point along its direction to the surface: a surface
+//! that moves towards the sensor decreases the value. The *deviation* m = −value is therefore the displacement of
+//! the surface towards the sensor: outwards along n(γ) = (cos γ, sin γ) for a radial sensor at the angle γ, along
+//! +Z for an axial sensor above the face. γ is counter-clockwise seen from +Z.
 //!
 //! A function of the commanded angle q is Re Σ M_k e^(ikq), so M_k = c − i·s for c·cos kq + s·sin kq.
-//! The table turns counter-clockwise by σq ([`ProbeLayout::turn`]), the artefact on it by the index angle φn
+//! The table turns counter-clockwise by σq ([`ProbeLayout::turn`]), the artefact on the table by the index angle φn
 //! (also counter-clockwise). The surface w(ψ) under the sensor is at ψ = γ − σq − φn, and R_k is the
 //! harmonic of w(−σq):
 //! - radial, section at height z: M = (X + (z−z0)B) cos γ + (Y − (z−z0)A) sin γ + R e^(−iσk(γ−φn));
 //! - axial, radius ρ: M = Z + ρ(A sin γ − B cos γ) + F e^(−iσk(γ−φn)).
 //!
-//! X and Y hold at the reference height z0. With X1, X2 of two sections at the distance d this is
-//! B = (X2−X1)/d, A = −(Y2−Y1)/d.
+//! X and Y are given at the reference height z0. With X1, X2 of two sections at the distance d this gives B =
+//! (X2−X1)/d, A = −(Y2−Y1)/d.
 
 use estimation::revolutions::Row;
 use faer::{Mat, c64};
 use machine::Axis;
 
-/// Where a sensor measures.
+/// Surface that a sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Surface {
-    /// Radially at a cross section, by its index in [`ProbeLayout::section_z_mm`].
+    /// Cross section, measured radially: index in [`ProbeLayout::section_z_mm`].
     Section(usize),
-    /// Axially at the face, at a distance from the axis.
+    /// Face, measured axially at a distance from the axis.
     Face { radius_mm: f64 },
 }
 
@@ -33,11 +32,11 @@ pub enum Surface {
 pub struct Channel {
     pub name: String,
     pub surface: Surface,
-    /// γ, rad.
+    /// γ, the angle of the sensor, rad.
     pub angle_rad: f64,
 }
 
-/// An unknown function of one revolution; each harmonic of it is one complex unknown.
+/// Unknown function over one revolution. Each of its harmonics is one complex unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Component {
     X,
@@ -52,12 +51,12 @@ pub enum Component {
 }
 
 impl Component {
-    /// Whether it is a property of the artefact.
+    /// Whether the component is a property of the artefact.
     pub fn is_form(self) -> bool {
         matches!(self, Self::Roundness(_) | Self::Face)
     }
 
-    /// In the results of a table axis with the letter `axis`.
+    /// Symbol in the results of a table axis with the letter `axis`.
     pub fn symbol(self, axis: Axis) -> String {
         match self {
             Self::X | Self::Y | Self::Z | Self::A | Self::B => format!("E{self:?}{axis}"),
@@ -72,18 +71,18 @@ pub struct ProbeLayout {
     pub channels: Vec<Channel>,
     /// Heights of the cross sections: one, or two for the tilt error motions.
     pub section_z_mm: Vec<f64>,
-    /// z0, where X and Y hold. With one section, its height.
+    /// z0, the height at which X and Y are given. With one section, its height.
     pub reference_z_mm: f64,
-    /// φn, cumulative against the first mounting, rad.
+    /// φn, cumulative from the first mounting, rad.
     pub index_angles_rad: Vec<f64>,
-    /// The table's axis, and σ: +1 where a positive command turns it counter-clockwise seen from +Z, −1 as C of
-    /// ISO 841, where the tool turns counter-clockwise against the workpiece.
+    /// The table's axis, and σ: +1 if a positive command turns the table counter-clockwise seen from +Z, −1 for C
+    /// of ISO 841, where the tool turns counter-clockwise relative to the workpiece.
     pub axis: Axis,
     pub turn: f64,
 }
 
 impl ProbeLayout {
-    /// Unknown functions, in the order of the columns. One section shows no tilt.
+    /// Unknown functions, in the order of the columns. One section does not determine the tilt.
     pub fn components(&self) -> Vec<Component> {
         let mut components = vec![Component::X, Component::Y];
         if self.section_z_mm.len() > 1 {
@@ -96,7 +95,7 @@ impl ProbeLayout {
         components
     }
 
-    /// One section with radial sensors, and equal steps of the artefact.
+    /// Layout of one section with radial sensors, and equal index steps of the artefact.
     pub fn radial(angles_deg: &[f64], indexes: usize) -> Self {
         let channel = |angle_deg: &f64| Channel {
             name: format!("{angle_deg}°"),
@@ -113,14 +112,14 @@ impl ProbeLayout {
         }
     }
 
-    /// The first section alone.
+    /// Layout reduced to the first section.
     pub fn first_section(&self) -> Self {
         let mut layout = Self { section_z_mm: vec![0.0], reference_z_mm: 0.0, ..self.clone() };
         layout.channels.retain(|channel| channel.surface == Surface::Section(0));
         layout
     }
 
-    /// Every channel at every index.
+    /// Rows of every channel at every index.
     pub fn all_rows(&self) -> Vec<Row> {
         let channels = 0..self.channels.len();
         let indexes = 0..self.index_angles_rad.len();
@@ -129,7 +128,7 @@ impl ProbeLayout {
             .collect()
     }
 
-    /// ∂M/∂(harmonic `order` of the component).
+    /// Derivative of M by the harmonic `order` of the component.
     fn coefficient(&self, row: Row, order: usize, component: Component) -> c64 {
         let Channel { surface, angle_rad, .. } = &self.channels[row.channel];
         let (sin, cos) = angle_rad.sin_cos();
@@ -151,8 +150,8 @@ impl ProbeLayout {
         }
     }
 
-    /// Design of the harmonic `order`. Rows: the cosine parts of all `rows`, then the sine parts.
-    /// Columns: cosine and sine part of component after component.
+    /// Design matrix of the harmonic `order`. Rows: the cosine parts of all `rows`, then the sine parts. Columns:
+    /// cosine and sine part of each component.
     pub fn design(&self, rows: &[Row], order: usize) -> Mat<f64> {
         let components = self.components();
         let mut design = Mat::zeros(2 * rows.len(), 2 * components.len());
@@ -177,8 +176,8 @@ impl ProbeLayout {
     }
 }
 
-/// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first
-/// harmonic. None where the layout shows no such pair.
+/// The motions (cos σq, sin σq) and (−sin σq, cos σq) of a pair of components, as unknowns of the first harmonic.
+/// Empty if the layout does not have both components.
 pub fn co_rotating_directions(
     layout: &ProbeLayout,
     first: Component,

@@ -1,4 +1,4 @@
-//! Readings to revolutions at equal angles.
+//! From readings to revolutions at equal angles.
 
 use estimation::revolutions::{
     RejectedRevolutions, ResampleFilter, Resampler, RowRevolutions, Sample, Stops,
@@ -13,23 +13,23 @@ use crate::{IdentifyError, latest};
 use machine::record::plan::Step;
 use machine::record::reading::{Flag, Reading};
 
-/// What the readings show.
+/// Data extracted from the readings.
 #[derive(Default)]
 pub struct Observed {
-    /// Each channel at each index; revolutions in the order of time.
+    /// Revolutions of each channel at each index, in the order of time.
     pub rows: Vec<RowRevolutions>,
-    /// The same of the turns forward alone: these revolutions follow each other.
+    /// Revolutions of the forward turns alone. These are consecutive.
     pub forward: Vec<RowRevolutions>,
-    /// What was left out, in words.
+    /// Descriptions of omitted data.
     pub left_out: Vec<String>,
-    /// Dwell points of a channel without a distance.
+    /// Number of dwell points of a channel without a distance.
     pub missing_stops: usize,
     /// Duration of one revolution, s.
     pub revolution_s: f64,
 }
 
 /// # Errors
-/// A reading of no step of the plan; a mounting without a turn.
+/// A reading belongs to no step of the plan, or a mounting has no turn.
 pub fn observed(setup: &Setup<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
     IdentifyError::check_steps(setup.plan, readings)?;
     let filter = ResampleFilter::new(setup.settings.positions);
@@ -45,7 +45,7 @@ pub fn observed(setup: &Setup<'_>, readings: &[Reading]) -> Result<Observed, Ide
             let own = latest(step, readings)?;
             let (mut of_scan, rejected) = revolutions(setup, &filter, step, index, &own);
             if !is_forward {
-                // They come in the order of the angle.
+                // The revolutions come in the order of the angle.
                 of_scan.iter_mut().for_each(|row| row.revolutions.reverse());
             }
             observed.reject(setup, step, rejected);
@@ -61,7 +61,7 @@ pub fn observed(setup: &Setup<'_>, readings: &[Reading]) -> Result<Observed, Ide
     Ok(observed)
 }
 
-/// Pairs of stop and channel without any distance.
+/// Number of pairs of stop and channel without any distance.
 fn missing_stops(setup: &Setup<'_>, step: &Step, readings: &[&Reading]) -> usize {
     if !is_dwell(setup) {
         return 0;
@@ -90,7 +90,7 @@ fn duration_s(readings: &[&Reading]) -> f64 {
     times().fold(f64::NEG_INFINITY, f64::max) - times().fold(f64::INFINITY, f64::min)
 }
 
-/// Of one scan, those that all its usable channels share.
+/// Revolutions of one scan that all its usable channels share.
 fn revolutions(
     setup: &Setup<'_>,
     filter: &ResampleFilter,
@@ -101,7 +101,7 @@ fn revolutions(
     let channel = |name: &String| {
         let samples = samples(setup, readings.iter().filter(|reading| reading.sensor == *name));
         let stops = stops(setup, step);
-        // A run filters a continuous turn to equal angles before it keeps the readings.
+        // A run resamples a continuous turn to equal angles before it stores the readings.
         match is_dwell(setup) || stops.contain_all(&samples) {
             true => stops.means(&samples),
             false => Resampler::of_turn(filter, stops.ends_rad, &samples),
@@ -111,7 +111,7 @@ fn revolutions(
     common_revolutions(index, &names.map(channel).collect::<Vec<_>>())
 }
 
-/// Deviations m = −value (`model.rs`): a surface that comes nearer makes the value of a sensor smaller.
+/// Deviations m = −value (see `model.rs`): a surface that moves towards a sensor decreases its value.
 fn samples<'r>(setup: &Setup<'_>, readings: impl Iterator<Item = &'r &'r Reading>) -> Vec<Sample> {
     let sample = |reading: &&Reading| Sample {
         angle_rad: reading.position.at(setup.axis),
@@ -131,7 +131,7 @@ impl Observed {
         }
     }
 
-    /// Channels that lack revolutions of an index are left out.
+    /// Adds the rows of an index. Channels with missing revolutions are omitted.
     fn keep(&mut self, setup: &Setup<'_>, index: usize, mut rows: Vec<RowRevolutions>) {
         for row in split_incomplete(&mut rows) {
             let name = &setup.layout.channels[row.channel].name;

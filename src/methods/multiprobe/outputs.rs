@@ -10,19 +10,19 @@ use crate::identification::{
     turning_axis_ranges,
 };
 
-/// Points of a curve over one revolution.
+/// Number of points of a curve over one revolution.
 const CURVE_POINTS: usize = 120;
 
 /// Derivatives of the cosine and the sine part of one harmonic by the unknowns of that harmonic.
 type Parts = [Vec<f64>; 2];
 
-/// The derivatives of all reported quantities by the unknowns.
+/// Derivatives of all reported quantities by the unknowns.
 pub struct ReportedMotions<'a> {
     layout: &'a ProbeLayout,
     fit: &'a SeparationFit,
     /// Components × harmonics from 1 on. `None`: not identifiable.
     parts: Vec<(Component, Vec<Option<Parts>>)>,
-    /// Why the first harmonic has no co-rotating part.
+    /// Reason why the first harmonic has no co-rotating part.
     pub gauge: String,
 }
 
@@ -59,13 +59,13 @@ impl<'a> ReportedMotions<'a> {
         self.parts.iter().flat_map(of).chain(combinations).collect()
     }
 
-    /// Whether a harmonic from 1 on is identifiable.
+    /// Whether the harmonic `order`, counted from 1, is identifiable.
     pub fn has(&self, component: Component, order: usize) -> bool {
         let own = self.parts.iter().find(|(own, _)| *own == component);
         own.is_some_and(|(_, parts)| matches!(parts.get(order - 1), Some(Some(_))))
     }
 
-    /// The identifiable harmonics of one component; of a form without the first one, which is eccentricity.
+    /// The identifiable harmonics of one component. The first harmonic of a form is omitted, as it is eccentricity.
     fn function(&self, (component, parts): &(Component, Vec<Option<Parts>>)) -> HarmonicFunction {
         let harmonic = |(block, parts): (usize, &Option<Parts>)| {
             let parts = parts.as_ref()?.each_ref().map(|slope| self.fit.widened(block, slope));
@@ -85,8 +85,8 @@ impl<'a> ReportedMotions<'a> {
         motions.map(|parts| (parts.0, self.function(parts)))
     }
 
-    /// Centre of a section against the table's axis at the first index and q = 0. It contains the
-    /// co-rotating error motion.
+    /// Centre of a section relative to the table's axis at the first index and q = 0. It contains the co-rotating
+    /// error motion.
     fn eccentricity(&self, section: usize) -> Vec<Output> {
         let (layout, sign) = (self.layout, self.layout.turn);
         let lever = layout.section_z_mm[section] - layout.reference_z_mm;
@@ -112,7 +112,7 @@ impl<'a> ReportedMotions<'a> {
         ]
     }
 
-    /// Coefficients, eccentricities and curves: what is linear in the unknowns.
+    /// Outputs that are linear in the unknowns: coefficients, eccentricities and curves.
     pub fn linear_outputs(&self) -> Outputs {
         let x = self.solution();
         let motions: Vec<HarmonicFunction> = self.motions().map(|(_, motion)| motion).collect();
@@ -129,8 +129,8 @@ impl<'a> ReportedMotions<'a> {
         }
     }
 
-    /// Values of the motions by ISO 230-7, and roundness (peak to valley about the least-squares circle). ISO
-    /// 230-7 specifies a turning axis: at dwell points the same range is `EXC_range`.
+    /// Values of the motions by ISO 230-7, and roundness (peak to valley from the least-squares circle). ISO 230-7
+    /// specifies a turning axis. For dwell points the same range is named `EXC_range`.
     pub fn ranges(&self, sampling: TurnSampling) -> NonlinearOutputs {
         let of = |parts: &(Component, Vec<Option<Parts>>)| {
             let function = self.function(parts);

@@ -9,9 +9,9 @@ use super::model::{Component, ProbeLayout};
 use super::outputs::ReportedMotions;
 use crate::identification::{HarmonicFunction, RevolutionRanges, revolution_parameters};
 
-/// Total and asynchronous value of each error motion over the indexes, of turns in one direction: between two
-/// directions the reversal would count. An index with one revolution has no value. A motion that the channels of an index do
-/// not determine has no value from that index.
+/// Total and asynchronous value of each error motion over the indexes, from turns in one direction: between two
+/// directions the reversal would count. An index with one revolution has no value. A motion that the channels of an
+/// index do not determine has no value from that index.
 pub fn revolution_values(
     layout: &ProbeLayout,
     motions: &ReportedMotions<'_>,
@@ -32,8 +32,8 @@ pub fn revolution_values(
     motions.motions().flat_map(of).collect()
 }
 
-/// The motion in each revolution of one index, up to the artefact, which is the same in all. `None`: the channels
-/// do not determine the motion.
+/// The motion in each revolution of one index, except for the form of the artefact, which is the same in all.
+/// `None`: the channels do not determine the motion.
 fn single_revolutions(
     layout: &ProbeLayout,
     own: &[&RowRevolutions],
@@ -50,7 +50,7 @@ fn single_revolutions(
     Some((0..own[0].revolutions.len()).map(motion).collect())
 }
 
-/// One factor a row: the motion at one angle from the deviations of the channels.
+/// Factors, one per row, from the deviations of the channels to the motion at one angle.
 fn motion_gain(
     layout: &ProbeLayout,
     own: &[&RowRevolutions],

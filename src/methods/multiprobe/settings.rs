@@ -6,53 +6,54 @@ use serde::{Deserialize, Serialize};
 use crate::Refused;
 use machine::Position;
 
-/// How samples are taken while the table turns.
+/// Sampling mode during a turn of the table.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum TurnSampling {
     /// The table stops at each of `positions` angles.
     #[default]
     Dwell,
-    /// It turns without a stop; the control stamps positions, or the samples carry the count of an encoder.
+    /// The table turns without a stop. The control stamps positions, or the samples contain the count of an
+    /// encoder.
     Continuous,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Names of the sensors; empty: all of the machine file.
+    /// Names of the sensors. Empty: all sensors of the machine file.
     pub sensors: Vec<String>,
-    /// Where the linear axes are during the measurement, machine coordinates, mm. Each must be named.
+    /// Positions of the linear axes during the measurement, machine coordinates, mm. All of them are required.
     pub at: Position,
-    /// Mountings of the artefact, equal steps of 360°/N apart. 1: it is not turned.
+    /// Number of mountings of the artefact in equal steps of 360°/N. 1: the artefact is not indexed.
     pub indexes: usize,
     /// Revolutions in each direction at one mounting.
     pub revolutions: usize,
     pub both_directions: bool,
-    /// Equal angles in one revolution: stops, or results of the resampling.
+    /// Equal angles per revolution: stops, or results of the resampling.
     pub positions: usize,
     /// Highest harmonic of the error motions.
     pub harmonics: usize,
     pub sampling: TurnSampling,
-    /// Rest at a stop before its samples, and how many are taken there of each sensor.
+    /// Dwell time at a stop before its samples, and number of samples of each sensor at a stop.
     pub dwell_s: f64,
     pub samples: u32,
-    /// Samples a second that each sensor gives at least in a continuous turn; more are used too.
+    /// Minimum number of samples per second from each sensor in a continuous turn. Additional samples are used too.
     pub rate_hz: f64,
-    /// Degrees a minute.
+    /// Feed, degrees per minute.
     pub feed_deg_min: f64,
-    /// The artefact is centred until its sections are nearer to the axis than this.
+    /// Largest distance of the sections from the axis at which centring ends.
     pub eccentricity_limit_um: f64,
-    /// Ranges of angles, counter-clockwise seen from +Z, where no sensor can stand: for the suggested places.
+    /// Ranges of angles, counter-clockwise seen from +Z, that are excluded from suggested sensor positions.
     pub excluded_deg: Vec<[f64; 2]>,
-    /// Standard uncertainties of what the machine file declares. Of a sensor's gain: relative.
+    /// Standard uncertainties of the values declared in the machine file. That of a sensor's gain is relative.
     pub u_gain: f64,
     pub u_sensor_angle_deg: f64,
     pub u_section_distance_mm: f64,
     pub u_face_radius_mm: f64,
-    /// Of the angle of one mounting.
+    /// Standard uncertainty of the angle of one mounting.
     pub u_index_angle_deg: f64,
-    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    /// Number of Monte Carlo trials. 0: adaptive as in JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
 }
 
@@ -83,14 +84,14 @@ impl Default for Settings {
     }
 }
 
-/// More would take a day, and their equations the computer's memory.
+/// Upper bounds. Larger values would need a day, and more memory than the computer has.
 const MAX_INDEXES: usize = 72;
 const MAX_REVOLUTIONS: usize = 100;
 const MAX_POSITIONS: usize = 3600;
 
 impl Settings {
     /// # Errors
-    /// Numbers that make no measurement.
+    /// The numbers do not describe a possible measurement.
     pub fn check(&self) -> Result<(), Refused> {
         let (positions, harmonics) = (self.positions, self.harmonics);
         Refused::unless(
@@ -141,7 +142,7 @@ impl Settings {
         self.excluded_deg.iter().map(range).collect()
     }
 
-    /// Highest harmonic that the positions of one revolution show.
+    /// Highest harmonic that the positions of one revolution determine.
     fn highest_order(&self) -> usize {
         match self.sampling {
             TurnSampling::Dwell => self.positions.saturating_sub(1) / 2,
@@ -149,7 +150,7 @@ impl Settings {
         }
     }
 
-    /// Samples must not be farther apart than the angles that they are resampled to.
+    /// Checks that the samples are not farther apart than the angles to which they are resampled.
     fn check_rate(&self) -> Result<(), Refused> {
         let spacing_deg = self.feed_deg_min / 60.0 / self.rate_hz;
         let step_deg = 360.0 / self.positions.max(1) as f64;

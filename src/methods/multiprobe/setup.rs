@@ -1,4 +1,4 @@
-//! Where the sensors are about the table's axis, from machine, artefact and sensors as the plan declares
+//! Positions of the sensors relative to the table's axis, from machine, artefact and sensors as the plan declares
 //! them.
 
 use super::checks;
@@ -17,16 +17,16 @@ pub struct Setup<'a> {
     pub settings: &'a Settings,
     /// The measured axis.
     pub axis: Axis,
-    /// All axes at the start of a turn from zero, the measured one left out.
+    /// Positions of all axes except the measured one at the start of a turn.
     pub at: Position,
     pub layout: ProbeLayout,
-    /// Where X and Y hold, machine frame, mm.
+    /// Point at which X and Y are given, machine frame, mm.
     pub reference_mm: [f64; 3],
 }
 
 impl<'a> Setup<'a> {
     /// # Errors
-    /// No table axis along Z; an artefact of another kind; a sensor that does not look at it.
+    /// There is no table axis along Z, the artefact is of another kind, or a sensor does not point at the artefact.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         let chain = Chain::new(&plan.machine)?;
         let table = TableAxis::of(&plan.machine, &chain).ok_or_else(Refused::no_table)?;
@@ -63,10 +63,10 @@ impl<'a> Setup<'a> {
         Ok(Self { plan, settings, axis: table.axis, at, layout, reference_mm })
     }
 
-    /// What the sensors and indexes do not separate, before anything moves.
+    /// Checks before motion what the sensors and indexes do not separate.
     ///
     /// # Errors
-    /// The first thing that is lost, with a better layout.
+    /// The first undetermined quantity, with a better layout.
     pub fn check(&self) -> Result<(), Refused> {
         let layout = &self.layout;
         checks::check_surfaces(layout)?;
@@ -109,7 +109,7 @@ fn datum_cylinder(plan: &Plan) -> Result<&DatumCylinder, Refused> {
     }
 }
 
-/// Where the axes are, the measured one at zero.
+/// Positions of the axes with the measured one at zero.
 fn stands(plan: &Plan, settings: &Settings, table: &TableAxis) -> Result<Position, Refused> {
     let axis = table.axis;
     Refused::unless(

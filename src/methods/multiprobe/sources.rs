@@ -1,5 +1,5 @@
-//! Sources of uncertainty. The effect of a wrong layout is the difference of the observations that the
-//! solution gives with the layout changed by ±u.
+//! Sources of uncertainty. The effect of a layout error is the difference between the observations that the
+//! solution predicts with the layout changed by +u and by −u.
 
 use std::f64::consts::PI;
 
@@ -12,24 +12,24 @@ use super::model::{Component, ProbeLayout, Surface};
 use super::settings::Settings;
 use crate::identification::{EvaluationType, UncertaintySource};
 
-/// Difference of an angle for its derivative.
+/// Step of the numerical derivative by an angle.
 const SMALL_ANGLE_RAD: f64 = 1e-3;
 
 /// Standard uncertainties. Zero: exactly known.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourceSizes<'a> {
-    /// With those of what the layout declares.
+    /// Settings with the uncertainties of the declared layout.
     pub settings: &'a Settings,
-    /// Covariance of the gains, then of the angles, once they are calibrated.
+    /// Covariance of the gains, then of the angles, after the calibration.
     pub sensors: Option<Mat<f64>>,
-    /// Drift of the artefact against the sensors along X, Y and Z during one revolution, net of
+    /// Drift of the artefact relative to the sensors along X, Y and Z during one revolution, reduced by the
     /// revolutions in the other direction.
     pub drift_mm_per_revolution: f64,
-    /// Effects of the sensors' linearity errors on all observations, mm: of independent draws.
+    /// Effects of the sensors' linearity errors on all observations, one column per independent draw, mm.
     pub linearity: Vec<Vec<f64>>,
 }
 
-/// Changes a quantity of the layout that is not exactly known, by mm or rad.
+/// Changes an uncertain quantity of the layout, by mm or rad.
 type Change = Box<dyn Fn(&mut ProbeLayout, f64)>;
 
 fn channel_angle(channel: usize) -> Change {
@@ -70,7 +70,7 @@ fn effect(
     predicted(u).iter().zip(predicted(-u)).map(|(up, down)| (up - down) / 2.0).collect()
 }
 
-/// In the order of the budget, without those that change nothing.
+/// All sources in the order of the budget, without those that have no effect.
 pub fn sources(
     layout: &ProbeLayout,
     data: &HarmonicData,
@@ -102,7 +102,7 @@ pub fn sources(
     all
 }
 
-/// Scatter of the mean over the revolutions: independent harmonics.
+/// Noise source: scatter of the mean over the revolutions, independent between harmonics.
 fn noise(data: &HarmonicData, fit: &SeparationFit) -> UncertaintySource {
     let effect = fit.independent_blocks(|block| data.covariance(block + 1));
     let dof = data.scatters.iter().map(|scatter| scatter.dof).fold(f64::INFINITY, f64::min);
@@ -140,15 +140,15 @@ fn sensor_errors(
     (0..root.ncols()).map(draw).collect()
 }
 
-/// Change of all observations by a relative gain of 1 more of one channel.
+/// Change of all observations by an increase of one channel's relative gain by 1.
 fn gain_effect(data: &HarmonicData, channel: usize) -> Vec<f64> {
     let observed = (1..=data.orders()).flat_map(|order| data.observations(order));
     let rows = data.rows.iter().cycle();
     observed.zip(rows).map(|(m, row)| if row.channel == channel { m } else { 0.0 }).collect()
 }
 
-/// A displacement that grows in proportion to the angle, along X, Y and Z: over one revolution
-/// v·(q/2π − ½) = −Σ v/(πk)·sin kq.
+/// Displacement proportional to the angle, along X, Y and Z. Over one revolution it is v·(q/2π − ½) = −Σ v/(πk)·sin
+/// kq.
 fn drift(layout: &ProbeLayout, data: &HarmonicData, size_mm: f64) -> Vec<Vec<f64>> {
     let components = layout.components();
     let column = |j: usize| {

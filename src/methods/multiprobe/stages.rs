@@ -1,5 +1,5 @@
-//! Which stage comes next: centring of the artefact, then one stage a mounting: the prompt, a reference, turns
-//! forward and backward.
+//! Sequence of stages: centring of the artefact, then one stage per mounting with the prompt, a reference, and
+//! turns forward and backward.
 
 use super::centring::{CENTRING_POINTS, Centring};
 use super::checks::weak_points;
@@ -13,13 +13,13 @@ use machine::Position;
 use machine::record::plan::{ArtefactMount, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::watch::WatchedSensor;
 
-/// Rounds of centring after which the method gives up.
+/// Maximum number of centring rounds.
 const MAX_CENTRING_ROUNDS: usize = 20;
 
-/// The next stage after the `done` ones.
+/// The stage that follows the `done` ones.
 ///
 /// # Errors
-/// A turn that does not fit the axis limits; an artefact that is still not centred.
+/// A turn exceeds the axis limits, or the artefact is still not centred.
 pub fn next(setup: &Setup<'_>, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
     let labels: Vec<Label> = setup.plan.steps.iter().filter_map(|s| s.label.parse().ok()).collect();
     let count = |is: fn(&Label) -> bool| labels.iter().filter(|label| is(label)).count();
@@ -70,14 +70,14 @@ fn first_prompt(setup: &Setup<'_>) -> Result<Step, Refused> {
     Ok(Step { watch, ..Step::prompt("centre/1".to_owned(), text) })
 }
 
-/// One revolution in few stops.
+/// One revolution with few stops.
 fn centring_turn(setup: &Setup<'_>, turn_deg: &[f64], round: usize) -> Step {
     let step_deg = 360.0 / CENTRING_POINTS as f64;
     let angles = (0..=CENTRING_POINTS).map(|k| turn_deg[0] + k as f64 * step_deg);
     scan(setup, Label::Centring(round), StepKind::Scan, angles.collect(), rests(setup))
 }
 
-/// Of one mounting, counted from 1.
+/// Steps of one mounting, counted from 1.
 fn mounting(setup: &Setup<'_>, turn_deg: &[f64], number: usize) -> Result<Vec<Step>, Refused> {
     let index_deg = setup.layout.index_angles_rad[number - 1].to_degrees();
     let text = match number {
@@ -91,7 +91,7 @@ fn mounting(setup: &Setup<'_>, turn_deg: &[f64], number: usize) -> Result<Vec<St
              seen from its tip, and clamp it. Do not touch sensors and table"
         ),
     };
-    // The first mounting is what all others are counted from.
+    // The angles of all other mountings count from the first mounting.
     let mount = (number > 1).then_some(ArtefactMount { turn_deg: index_deg });
     let prompt = Step { mount, ..Step::prompt(Label::Mount(number).to_string(), text) };
     let forward = turn_deg.to_vec();
@@ -105,7 +105,8 @@ fn mounting(setup: &Setup<'_>, turn_deg: &[f64], number: usize) -> Result<Vec<St
         },
     };
     let turns = |label, angles| scan(setup, label, StepKind::Scan, angles, sampling);
-    // A stop is followed by the reference of the same mounting: two stops, so that the scan is a turn.
+    // After an interruption the reference of the same mounting is repeated. It has two stops, so that the scan is a
+    // turn.
     let reference = vec![start, start + 90.0];
     let reference =
         scan(setup, Label::Reference(number), StepKind::Reference, reference, rests(setup));
@@ -142,14 +143,14 @@ fn scan(
     }
 }
 
-/// Angles of the turn forward; of a continuous one its ends.
+/// Angles of the forward turn, or the ends of a continuous one.
 ///
 /// # Errors
-/// The axis does not turn so often.
+/// The axis limits do not allow the number of revolutions.
 fn turn_deg(setup: &Setup<'_>) -> Result<Vec<f64>, Refused> {
     let Settings { positions, revolutions, sampling, .. } = *setup.settings;
-    // The filter needs samples before the first revolution and after the last; the first and the last
-    // step are incomplete, as the axis starts and stops there.
+    // The filter needs samples before the first revolution and after the last one. The first and the last step are
+    // incomplete, as the axis starts and stops there.
     let lead = match sampling {
         TurnSampling::Dwell => 0,
         TurnSampling::Continuous => KERNEL_HALF_STEPS + 1,

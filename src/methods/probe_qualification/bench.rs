@@ -12,7 +12,7 @@ use machine::record::reading::Reading;
 use machine::{Axis, Position};
 use planning::measured_ball;
 
-/// What the label of a search touch begins with.
+/// Prefix of the label of a search touch.
 pub const FIND: &str = "find";
 
 pub struct Bench<'a> {
@@ -20,7 +20,7 @@ pub struct Bench<'a> {
     pub settings: &'a Settings,
     pub chain: Chain,
     pub balls: &'a Balls,
-    /// All rotary axes but the spindle at zero, or as near as they come.
+    /// All rotary axes except the spindle at zero, or as near to zero as their limits allow.
     pub rotary: Position,
 }
 
@@ -28,7 +28,8 @@ const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
 
 impl<'a> Bench<'a> {
     /// # Errors
-    /// A machine without kinematics; an artefact without balls; settings that make no measurement.
+    /// The machine has no kinematics, the artefact has no balls, or the settings do not describe a possible
+    /// measurement.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         settings.check()?;
         let Artefact::Balls(balls) = &plan.artefact else {
@@ -69,7 +70,7 @@ impl<'a> Bench<'a> {
         self.settings.fast_feed_mm_min.unwrap_or(self.plan.probe.search_feed_mm_min)
     }
 
-    /// Of the spindle; 0 alone where it is no axis.
+    /// Orientations of the spindle, degrees. Only 0 if the spindle is not an axis.
     pub fn orientations_deg(&self) -> Vec<f64> {
         let Some(spec) = self.plan.machine.axes.get(&Axis::S) else { return vec![0.0] };
         let named = self.settings.spindle_deg.clone().filter(|degrees| !degrees.is_empty());
@@ -78,7 +79,7 @@ impl<'a> Bench<'a> {
         named.unwrap_or(if usual.is_empty() { vec![spec.nearest_zero()] } else { usual })
     }
 
-    /// Number of the orientation in which the spindle stands.
+    /// Index of the spindle orientation at these positions.
     pub fn orientation_of(&self, at: &Position) -> usize {
         let degrees = Axis::S.to_edge(at.at(Axis::S));
         let off = |orientation: &f64| (orientation - degrees).abs();
@@ -86,7 +87,7 @@ impl<'a> Bench<'a> {
         all.min_by(|(_, a), (_, b)| off(a).total_cmp(&off(b))).map_or(0, |(number, _)| number)
     }
 
-    /// All rotary axes, with the spindle in its orientation number `index`.
+    /// Positions of all rotary axes, with the spindle in the orientation `index`.
     pub fn rotary_at(&self, index: usize) -> Position {
         let degrees = self.orientations_deg().get(index).copied().unwrap_or(0.0);
         match self.plan.machine.axes.contains_key(&Axis::S) {
@@ -98,7 +99,7 @@ impl<'a> Bench<'a> {
     /// The ball that the plan's measuring steps touch.
     ///
     /// # Errors
-    /// There is none yet.
+    /// The plan has no measuring steps yet.
     pub fn measured_ball(&self) -> Result<&Ball, IdentifyError> {
         let measured = self.plan.steps.iter().find_map(|step| {
             let id = step.label.split('/').nth(1)?;
@@ -109,10 +110,10 @@ impl<'a> Bench<'a> {
         measured.ok_or_else(none)
     }
 
-    /// The balls where they were found, within what a touch may still be off.
+    /// The balls at their measured positions, with the uncertainty that a touch can tolerate.
     ///
     /// # Errors
-    /// Touches that are missing or make no ball.
+    /// Touches are missing or do not fit a sphere.
     pub fn found(&self, source: Source<'_>) -> Result<Balls, Refused> {
         let uncertainty_mm = self.settings.standoff_mm.min(self.settings.search_mm) / 2.0;
         let mut balls = Balls { uncertainty_mm, ..self.balls.clone() };
@@ -124,7 +125,7 @@ impl<'a> Bench<'a> {
         Ok(balls)
     }
 
-    /// Table frame, mm.
+    /// Centre of a ball from its search touches, table frame, mm.
     fn centre(&self, id: &str, readings: &[Reading]) -> Result<Vector3<f64>, Refused> {
         let again = || "start the run again".to_owned();
         let of_ball = |step: &&Step| {

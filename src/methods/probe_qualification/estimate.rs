@@ -1,4 +1,4 @@
-//! The estimate in the words and units of the contract.
+//! The estimate in the terms and units of the Estimate JSON.
 
 use super::bench::Bench;
 use super::fit::Fitted;
@@ -9,7 +9,7 @@ use crate::identification::{MisfitAdvice, reported_parameter};
 use estimation::coverage::chi_square_bounds;
 use machine::record::estimate::{Estimate, FigureKind, Function, Parameter, Unit};
 
-/// Of one touch, from its repeats.
+/// Symbol of the standard deviation of one touch, from its repeats.
 const REPEATABILITY: &str = "s_touch";
 
 const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
@@ -65,7 +65,7 @@ fn by_direction(bench: &Bench<'_>, observed: &Observed, fitted: &Fitted) -> Func
     for (touch, within_mm) in observed.touches.iter().zip(&fitted.within_mm) {
         let azimuth = touch.normal.y.atan2(touch.normal.x).to_degrees();
         let nearest = (azimuth / pitch).round();
-        // Those of the second circle lie between.
+        // The directions of the second circle are between those of the first.
         if touch.is_fast || (azimuth / pitch - nearest).abs() > 0.25 || touch.normal.z > 0.9 {
             continue;
         }
@@ -135,7 +135,8 @@ fn cannot_know(bench: &Bench<'_>, fitted: &Fitted) -> Vec<String> {
     lines
 }
 
-/// Touches scatter beyond the declared bound of sound ones with half the complement of this probability.
+/// Probability that the scatter of correct touches is within its two-sided bounds. A warning needs the upper bound
+/// to be exceeded.
 const DECLARED: f64 = 0.998;
 
 fn warnings(bench: &Bench<'_>, fitted: &Fitted) -> Vec<String> {

@@ -17,12 +17,12 @@ pub struct Fitted {
     pub identified: Identification,
     pub layout: Layout,
     pub scatter: Scatter,
-    /// Of each touch less the mean of its group, mm.
+    /// Deviation of each touch from the mean of its group, mm.
     pub within_mm: Vec<f64>,
 }
 
 /// # Errors
-/// Touches that do not separate the unknowns, or of which none is repeated.
+/// The touches do not separate the unknowns, or none is repeated.
 pub fn fit(bench: &Bench<'_>, observed: &Observed) -> Result<Fitted, IdentifyError> {
     let layout = Layout::new(observed, bench.last_order());
     let rows: Vec<Vec<f64>> =
@@ -72,7 +72,7 @@ fn solve(
     linear::solve(&problem).map_err(|error| IdentifyError::unsolved(error, lost))
 }
 
-/// Each residual less the mean of its group: free of all that the model does not explain of a direction.
+/// Each residual less the mean of its group. The result is free of systematic model errors of a direction.
 fn within_groups(observed: &Observed, residuals: &[f64]) -> Vec<f64> {
     let mut sums = vec![(0.0, 0.0); observed.groups()];
     for (touch, residual) in observed.touches.iter().zip(residuals) {
@@ -85,7 +85,7 @@ fn within_groups(observed: &Observed, residuals: &[f64]) -> Vec<f64> {
     touches.map(|(touch, residual)| residual - mean(touch.group)).collect()
 }
 
-/// Pooled over all directions.
+/// Scatter, pooled over all directions.
 fn scatter(
     bench: &Bench<'_>,
     observed: &Observed,

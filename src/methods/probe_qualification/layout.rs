@@ -1,36 +1,36 @@
 //! The unknowns and the equation of one touch.
 //!
-//! The stylus centre in contact stands off the ball's centre by
+//! The distance of the stylus centre in contact from the ball's centre is
 //! r = n·(c + v·t) + R + h(k, n in the spindle's frame) + h(k, n in the machine's frame) − τ·(feed − measuring feed),
-//! and of a fast touch + h(k, n in the spindle's frame) once more, with
+//! and for a fast touch another h(k, n in the spindle's frame) is added, with
 //! h(k, n) = λ Σ (a_k cos kα + b_k sin kα), α the azimuth of n and λ = √(n_x² + n_y²).
 //! c: centre of the ball; v: drift; R: both radii less pre-travel; τ: latch delay. The first h is the map of the probe,
-//! the second what stands still while the spindle turns: form of the ball, squareness and scale of X and Y.
+//! the second the part that does not turn with the spindle: form of the ball, squareness and scale of X and Y.
 
 use nalgebra::Vector3;
 
 use super::observe::{Observed, Touch};
 use crate::identification::azimuth::azimuth_factor;
 
-/// Which unknowns there are.
+/// Selection of the unknowns.
 #[derive(Debug, Clone)]
 pub struct Layout {
     segments: usize,
-    /// Orders of the map.
+    /// Orders of the probe map.
     pub map: Vec<u32>,
-    /// Orders of what stands still.
+    /// Orders of the part that does not turn with the spindle.
     pub still: Vec<u32>,
-    /// Orders by which the map differs at the fast feed; none without fast touches.
+    /// Orders of the difference of the map at the fast feed. Empty without fast touches.
     pub fast: Vec<u32>,
 }
 
-/// λ cos kα and λ sin kα.
+/// Harmonic of the map: λ cos kα and λ sin kα.
 pub fn harmonic(order: u32, n: &Vector3<f64>) -> [f64; 2] {
     [0.0, 0.25].map(|quarter_turns| azimuth_factor(order, quarter_turns, n))
 }
 
 impl Layout {
-    /// `last`: highest order of the map.
+    /// Selects the unknowns. `last`: highest order of the map.
     pub fn new(observed: &Observed, last: u32) -> Self {
         let turned: Vec<u32> = (1..=last).filter(|k| is_turned(observed, *k)).collect();
         let first = if turned.contains(&1) { 1 } else { 2 };
@@ -38,13 +38,13 @@ impl Layout {
         Self {
             segments: observed.touches.iter().map(|touch| touch.segment + 1).max().unwrap_or(1),
             map: (first..=last).collect(),
-            // What stands still of the first order is the centre.
+            // The first order that does not turn with the spindle is the centre of the ball.
             still: turned.into_iter().filter(|k| *k > 1).collect(),
             fast: (1..=last).filter(|_| has_fast).collect(),
         }
     }
 
-    /// Whether the turned spindle separates an order of the map from what stands still.
+    /// Whether the spindle orientations separate an order of the map from the part that does not turn.
     pub fn separates(&self, order: u32) -> bool {
         self.still.contains(&order) || order == 1 && self.map.contains(&1)
     }
@@ -53,12 +53,12 @@ impl Layout {
         3 * self.segments
     }
 
-    /// Both radii less pre-travel.
+    /// Index of R: both radii less pre-travel.
     pub fn radius(&self) -> usize {
         self.drift() + 3
     }
 
-    /// Cosine part of the map's order number `index`; the sine part is the next unknown.
+    /// Index of the cosine part of the map's order with the number `index`. The sine part is the next unknown.
     pub fn map(&self, index: usize) -> usize {
         self.radius() + 1 + 2 * index
     }
@@ -67,12 +67,12 @@ impl Layout {
         self.map(self.map.len())
     }
 
-    /// Latch delay. Without fast touches there is none.
+    /// Index of the latch delay. Without fast touches there is none.
     pub fn delay(&self) -> usize {
         self.still() + 2 * self.still.len()
     }
 
-    /// As [`Layout::map`], of the difference at the fast feed.
+    /// Index as for [`Layout::map`], for the difference at the fast feed.
     pub fn fast(&self, index: usize) -> usize {
         self.delay() + 1 + 2 * index
     }
@@ -105,7 +105,7 @@ impl Layout {
         row
     }
 
-    /// What an unknown is, for a refusal.
+    /// Description of an unknown for a refusal.
     pub fn name(&self, unknown: usize) -> String {
         let order = |orders: &[u32], from: usize| orders[(unknown - from) / 2];
         match unknown {
@@ -124,10 +124,10 @@ impl Layout {
     }
 }
 
-/// Degrees of its phase; less separates an order in name only.
+/// Minimum phase difference of an order between two orientations, degrees, for the order to be separable.
 const LEAST_TURN_DEG: f64 = 20.0;
 
-/// Whether any two orientations turn this order against itself.
+/// Whether any two orientations rotate this order by a sufficient phase.
 fn is_turned(observed: &Observed, order: u32) -> bool {
     let degrees = &observed.orientations_deg;
     let turned = |a: f64, b: f64| {

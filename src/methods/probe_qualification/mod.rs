@@ -1,6 +1,6 @@
-//! What a touch probe does with the direction, by touches all round a precision sphere: how it repeats, its
-//! pre-travel as harmonics of the azimuth with their covariance, its stylus offset where the spindle can be turned,
-//! and how much of it depends on the feed. Later runs with the same probe take the estimate as known
+//! Direction-dependent errors of a touch probe, from touches all around a precision sphere: repeatability,
+//! pre-travel as harmonics of the azimuth with their covariance, stylus offset if the spindle can be oriented, and
+//! dependence on the feed. Later runs with the same probe use the estimate as a prior
 //! (`identification/probe_map.rs`).
 
 mod bench;

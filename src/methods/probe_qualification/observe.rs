@@ -16,37 +16,37 @@ use machine::{Axis, Position};
 #[derive(Debug, Clone)]
 pub struct Touch {
     pub label: String,
-    /// From the ball's centre to the stylus centre, unit vector, machine frame; and in the frame of the spindle.
+    /// Unit vector from the ball's centre to the stylus centre: in the machine frame, and in the spindle frame.
     pub normal: Vector3<f64>,
     pub in_spindle: Vector3<f64>,
     /// Distance of the stylus centre from the centre of the fitted sphere, less both stated radii, mm.
     pub beyond_mm: f64,
-    /// X, Y and Z.
+    /// Axis positions X, Y and Z, mm.
     pub axes_mm: Vector3<f64>,
     pub is_fast: bool,
-    /// Number of the orientation of the spindle.
+    /// Index of the spindle orientation.
     pub orientation: usize,
     pub t_s: f64,
-    /// How many interruptions lie before it.
+    /// Number of interruptions before the touch.
     pub segment: usize,
-    /// Touches of one direction, orientation, feed and segment have the same.
+    /// Index of the group: touches of one direction, orientation, feed and segment.
     pub group: usize,
 }
 
 pub struct Observed {
     pub touches: Vec<Touch>,
-    /// Of the spindle; 0 alone where it is not turned.
+    /// Orientations of the spindle, degrees. Only 0 if the spindle is not turned.
     pub orientations_deg: Vec<f64>,
-    /// Of slow and fast touches, mm/s.
+    /// Speeds of slow and fast touches, mm/s.
     pub speeds: [f64; 2],
-    /// Ball and stylus ball as stated, mm.
+    /// Sum of the stated radii of ball and stylus ball, mm.
     pub radius_mm: f64,
-    /// Of the first and the last touch.
+    /// Times of the first and the last touch, s.
     times_s: [f64; 2],
 }
 
 impl Observed {
-    /// Time of a touch, from −1 to 1 over the run.
+    /// Time of a touch, scaled from −1 to 1 over the run.
     pub fn time(&self, touch: &Touch) -> f64 {
         let [first, last] = self.times_s;
         if last > first { (2.0 * touch.t_s - first - last) / (last - first) } else { 0.0 }
@@ -61,7 +61,7 @@ impl Observed {
 struct Taken<'a> {
     step: &'a Step,
     reading: &'a Reading,
-    /// All axes.
+    /// Positions of all axes.
     at: Position,
     /// Stylus centre, table frame, mm.
     tip: Vector3<f64>,
@@ -74,7 +74,7 @@ impl Taken<'_> {
 }
 
 /// # Errors
-/// Readings that do not belong to the plan, are missing or make no sphere.
+/// Readings do not belong to the plan, are missing or do not fit a sphere.
 pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
     let taken = taken(bench, readings)?;
     let slow = taken.iter().filter(|taken| !taken.is_fast(bench));
@@ -117,7 +117,7 @@ pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, Iden
     })
 }
 
-/// All good readings but those that found the balls.
+/// All valid readings except those of the search.
 fn taken<'a>(bench: &Bench<'a>, readings: &'a [Reading]) -> Result<Vec<Taken<'a>>, IdentifyError> {
     let plan = bench.plan;
     IdentifyError::check_steps(plan, readings)?;
@@ -148,7 +148,7 @@ fn taken<'a>(bench: &Bench<'a>, readings: &'a [Reading]) -> Result<Vec<Taken<'a>
     Ok(taken)
 }
 
-/// A label without the round.
+/// Label without the number of the round.
 fn direction(label: &str) -> String {
     label.rsplit_once('/').map_or(label, |(direction, _)| direction).to_owned()
 }

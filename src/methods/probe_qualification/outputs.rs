@@ -1,4 +1,4 @@
-//! Reported quantities: the map, the stylus offset, the effective radius, what the feed changes.
+//! Outputs: the map, the stylus offset, the effective radius, the effects of the feed.
 
 use machine::record::estimate::{FigureKind, Unit};
 use nalgebra::Vector3;
@@ -8,20 +8,20 @@ use super::layout::{Layout, harmonic};
 use crate::identification::probe_map::symbols;
 use crate::identification::{Curve, Output, Outputs, unit_slope};
 
-/// Of the curves, degrees.
+/// Step of the curves, degrees.
 const PITCH_DEG: usize = 5;
 
 pub fn outputs(bench: &Bench<'_>, layout: &Layout, x: &[f64]) -> Outputs {
     let mut parameters = Vec::new();
     if let Some(first) = layout.map.iter().position(|order| *order == 1) {
-        // A stylus that stands off towards the surface meets it earlier.
+        // A stylus that is offset towards the surface contacts it earlier.
         for (symbol, at) in [("x_stylus", layout.map(first)), ("y_stylus", layout.map(first) + 1)] {
             let slope = unit_slope(at, x.len()).into_iter().map(|slope| -slope).collect();
             parameters.push(Output::linear(symbol, Unit::Um, slope, x));
         }
     }
     for (index, order) in layout.map.iter().enumerate() {
-        // Without a certificate nothing bounds the form of the ball.
+        // Without a certificate the form of the ball has no bound.
         if *order > 1 && !layout.separates(*order) && bench.settings.form_um.is_none() {
             continue;
         }
@@ -38,7 +38,7 @@ pub fn outputs(bench: &Bench<'_>, layout: &Layout, x: &[f64]) -> Outputs {
     Outputs { parameters, curves, nonlinear: None }
 }
 
-/// Over the azimuth, at right angles to the spindle. `first`: the first unknown of the `orders`.
+/// Curve over the azimuth, perpendicular to the spindle. `first`: index of the first unknown of the `orders`.
 fn curve(symbol: &str, layout: &Layout, x: &[f64], first: usize, orders: &[u32]) -> Curve {
     let degrees: Vec<f64> = (0..360).step_by(PITCH_DEG).map(f64::from).collect();
     let slope = |degrees: &f64| {

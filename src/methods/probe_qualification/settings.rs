@@ -7,27 +7,27 @@ use crate::Refused;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Id of the ball that is touched; empty: the first one that is free all round.
+    /// Id of the ball to be touched. Empty: the first one that is accessible all around.
     pub ball: String,
-    /// Directions round the ball, at equal angles.
+    /// Number of directions around the ball, at equal angles.
     pub azimuths: u32,
-    /// Touches of each direction at the measuring feed, and at the fast one.
+    /// Touches of each direction at the measuring feed, and at the fast feed.
     pub repeats: u32,
-    /// Highest harmonic order of the map; a higher one of `[probe] lobing_orders` counts.
+    /// Highest harmonic order of the map, unless `[probe] lobing_orders` has a higher one.
     pub orders: u32,
     /// Roundness of the ball by its certificate: largest less smallest radius of a section (RONt, ISO 12181-1).
     /// Absent: not certified.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub form_um: Option<f64>,
-    /// Orientations of the spindle, degrees. Absent: 0, 90, 180 and 270 where it is an axis.
+    /// Orientations of the spindle, degrees. Absent: 0, 90, 180 and 270 if the spindle is an axis.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub spindle_deg: Option<Vec<f64>>,
     /// Feed of the faster touches. Absent: the search feed.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fast_feed_mm_min: Option<f64>,
-    /// Clear distance before the expected contact, mm.
+    /// Clearance before the expected contact, mm.
     pub standoff_mm: f64,
-    /// How far beyond it a touch may go, mm.
+    /// Overtravel of a touch beyond the expected contact, mm.
     pub search_mm: f64,
 }
 
@@ -50,14 +50,14 @@ impl Default for Settings {
 const MOST_AZIMUTHS: u32 = 360;
 const MOST_REPEATS: u32 = 100;
 const MOST_ORDERS: u32 = 100;
-/// Least distance before and beyond the expected contact, mm, and as many standard deviations of the stylus offset: a
-/// turned stylus stands off by twice its offset.
+/// Minimum distance before and beyond the expected contact: [`LEAST_MM`] in mm plus [`OFFSETS`] standard deviations
+/// of the stylus offset. A half turn of the spindle displaces the stylus by twice its offset.
 const LEAST_MM: f64 = 0.1;
 const OFFSETS: f64 = 6.0;
 
 impl Settings {
     /// # Errors
-    /// What would fail on the way.
+    /// The settings would fail during the run.
     pub fn check(&self) -> Result<(), Refused> {
         Refused::check_numbers(
             &[("standoff_mm", self.standoff_mm), ("search_mm", self.search_mm)],
@@ -81,10 +81,10 @@ impl Settings {
         )
     }
 
-    /// `offset_mm`: standard uncertainty of the stylus offset.
+    /// Checks the length of the touches. `offset_mm`: standard uncertainty of the stylus offset.
     ///
     /// # Errors
-    /// Touches so short that a turned stylus could miss the ball.
+    /// The touches are so short that a turned stylus could miss the ball.
     pub fn check_length(&self, offset_mm: f64) -> Result<(), Refused> {
         let least = LEAST_MM + OFFSETS * offset_mm;
         Refused::unless(
@@ -97,7 +97,7 @@ impl Settings {
     }
 
     /// # Errors
-    /// Too few directions to tell the orders up to `last` apart.
+    /// There are too few directions to separate the orders up to `last`.
     pub fn check_azimuths(&self, last: u32) -> Result<(), Refused> {
         let least = last.saturating_mul(2).saturating_add(2);
         Refused::unless(

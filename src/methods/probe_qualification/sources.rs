@@ -1,4 +1,4 @@
-//! Sources of uncertainty as they act on the distances of the touches, mm.
+//! Sources of uncertainty and their effects on the distances of the touches, mm.
 
 use machine::Axis;
 use nalgebra::Vector3;
@@ -11,36 +11,36 @@ use crate::identification::declared::{
 };
 use crate::identification::{Effect, EvaluationType, InResiduals, Shape, UncertaintySource};
 
-/// How touches of one direction repeat.
+/// Repeatability of touches in one direction.
 #[derive(Debug, Clone, Copy)]
 pub struct Scatter {
     /// Standard deviation of one touch as displayed, mm.
     pub s_mm: f64,
     pub dof: usize,
-    /// Largest step of the display, mm.
+    /// Largest display resolution of the axes, mm.
     pub step_mm: f64,
 }
 
 impl Scatter {
-    /// Standard uncertainty of one touch, mm: what rounding leaves where touches do not scatter, too.
+    /// Standard uncertainty of one touch, mm, including the rounding error of touches without scatter.
     pub fn u_mm(self) -> f64 {
         self.s_mm.hypot(rounding_mm(self.step_mm, self.s_mm))
     }
 
-    /// Standard deviation of one touch without the rounding of the display, and its standard uncertainty, mm. Rounding
-    /// errors of touches that scatter by more than half a step are independent and rectangular; what is not so is
-    /// uncertain.
+    /// Standard deviation of one touch without the rounding of the display, and its standard uncertainty, mm.
+    /// Rounding errors of touches that scatter by more than half a display step are independent and rectangular.
+    /// Other rounding errors increase the uncertainty.
     pub fn without_rounding(self) -> [f64; 2] {
         let variance = self.s_mm.powi(2) - self.step_mm.powi(2) / 12.0;
         let s_mm = variance.max(0.0).sqrt();
         let of_count = self.s_mm.powi(2) * (2.0 / self.dof.max(1) as f64).sqrt();
         let u_variance = of_count.hypot(rounding_mm(self.step_mm, self.s_mm).powi(2));
-        // u(s²) = 2·s·u(s); at s = 0 the root of u(s²) is the largest that it can be.
+        // u(s²) = 2·s·u(s). At s = 0 the square root of u(s²) is the upper bound of u(s).
         [s_mm, (u_variance / (2.0 * s_mm.max(f64::MIN_POSITIVE))).min(u_variance.sqrt())]
     }
 }
 
-/// All sources, the touches' own scatter first.
+/// All sources, with the scatter of the touches first.
 pub fn sources(
     bench: &Bench<'_>,
     layout: &Layout,
@@ -77,7 +77,7 @@ fn joint(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
     }
 }
 
-/// What the scatter of the touches does not average out of rounding: one draw a direction.
+/// Part of the rounding error that the scatter of the touches does not average out: one draw per direction.
 fn resolution(bench: &Bench<'_>, observed: &Observed, scatter: Scatter) -> Vec<Vec<f64>> {
     let mut columns = vec![vec![0.0; observed.touches.len()]; observed.groups()];
     for (i, touch) in observed.touches.iter().enumerate() {
@@ -87,8 +87,8 @@ fn resolution(bench: &Bench<'_>, observed: &Observed, scatter: Scatter) -> Vec<V
     columns
 }
 
-/// Of a section with the largest less the smallest radius f, any order may have the amplitude f/2, at any phase: its
-/// cosine and its sine part have the standard deviation f/√8 each.
+/// For a section with largest less smallest radius f, any order may have the amplitude f/2 at any phase: its cosine
+/// and sine parts have the standard deviation f/√8 each.
 fn form(bench: &Bench<'_>, layout: &Layout, touches: &[Touch]) -> Vec<Vec<f64>> {
     let size_mm = bench.settings.form_um.unwrap_or(0.0) * 1e-3 / 8f64.sqrt();
     let orders = layout.map.iter().filter(|order| **order > 1);
@@ -98,7 +98,8 @@ fn form(bench: &Bench<'_>, layout: &Layout, touches: &[Touch]) -> Vec<Vec<f64>> 
     orders.flat_map(|order| [column(*order, 0), column(*order, 1)]).collect()
 }
 
-/// A ball of radius r is touched at r·n: where two axes lack e of a right angle, at r·e·n_i·n_j beyond.
+/// Squareness: a ball of radius r is touched at r·n. Two axes whose angle differs by e from a right angle change
+/// the distance by r·e·n_i·n_j.
 fn squareness(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
     let size_mm = bench.plan.machine.squareness_urad * 1e-6 * observed.radius_mm;
     let touches = observed.touches.iter();
@@ -108,7 +109,7 @@ fn squareness(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
     [(0, 1), (0, 2), (1, 2)].map(column).into()
 }
 
-/// The ball stands elsewhere in the frame of the spindle at each of its orientations.
+/// Error motion of the spindle: the ball is displaced in the spindle frame at each orientation.
 fn spindle(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
     let size_mm =
         bench.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
@@ -121,7 +122,7 @@ fn spindle(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
     orientations.flat_map(|orientation| [0, 1, 2].map(|k| column(orientation, k))).collect()
 }
 
-/// Each axis lags behind the direction of the touch.
+/// Backlash: each axis lags behind in the direction of the touch.
 fn backlash(bench: &Bench<'_>, touches: &[Touch]) -> Vec<Vec<f64>> {
     let half = half_backlash_mm(bench.plan);
     let column = |k: usize| touches.iter().map(|touch| half[k] * touch.normal[k].abs()).collect();

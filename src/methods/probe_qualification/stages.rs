@@ -1,5 +1,5 @@
-//! Where the touches go: the balls are found, then one of them is touched all round, once for each orientation of the
-//! spindle.
+//! Touches of each stage: first the search for the balls, then touches all around one ball, in each orientation of
+//! the spindle.
 
 use super::bench::{Bench, FIND};
 use super::settings::Settings;
@@ -9,11 +9,11 @@ use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::{REPEAT_AFTER_STOP, Stage, Step, StepKind};
 use planning::{Access, Approach, BallTask, Unreachable};
 
-/// Search touches of a ball.
+/// Number of search touches per ball.
 const OF_A_SEARCH: usize = 5;
-/// Elevation of the circle, degrees: the lowest at which all directions are free.
+/// Elevations of the circle, degrees. The lowest one at which all directions are accessible is used.
 const LEVELS_DEG: [f64; 3] = [0.0, 15.0, 30.0];
-/// How far above it a second circle checks that the map fades towards the pole.
+/// Elevation of the second circle above the first one. Its touches check that the map decreases towards the pole.
 const ABOVE_DEG: f64 = 45.0;
 
 pub fn next(bench: &Bench<'_>, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
@@ -76,7 +76,7 @@ impl<'a> Orientation<'a> {
         Ok(Self { bench, found, access, rotary: bench.rotary_at(index), index })
     }
 
-    /// Rounds of slow touches, at the first orientation with rounds of fast ones between.
+    /// Rounds of slow touches. At the first orientation they alternate with rounds of fast ones.
     fn all_round(&self) -> Result<Vec<Step>, Refused> {
         let (ball, level) = self.free_ball()?;
         let mut steps = Vec::new();
@@ -92,7 +92,7 @@ impl<'a> Orientation<'a> {
         Ok(steps)
     }
 
-    /// The ball that is free all round, and the level of its circle.
+    /// The ball that is accessible all around, and the elevation of its circle.
     fn free_ball(&self) -> Result<(&'a Ball, f64), Refused> {
         let wanted = &self.bench.settings.ball;
         let is_wanted = |ball: &&Ball| wanted.is_empty() || ball.id == *wanted;
@@ -109,19 +109,19 @@ impl<'a> Orientation<'a> {
         Err(why_not.unwrap_or_else(|| Refused::new(none(), "correct ball of the method")))
     }
 
-    /// Azimuth and elevation of each touch, degrees.
+    /// Azimuth and elevation of each touch of a circle, degrees.
     fn circle(&self, level: f64) -> Vec<[f64; 2]> {
         let count = self.bench.settings.azimuths;
         let pitch = 360.0 / f64::from(count);
         (0..count).map(|k| [f64::from(k) * pitch, level]).collect()
     }
 
-    /// One round: a circle, at the first orientation half as many touches above it, and the pole.
+    /// One round: a circle, half as many touches above it at the first orientation, and the pole.
     fn slow(&self, ball: &Ball, level: f64, round: u32) -> Result<Vec<Step>, Refused> {
         let mut directions = self.circle(level);
         let count = directions.len();
         if self.index == 0 {
-            // Between those below.
+            // The azimuths are between those of the lower circle.
             let half = 180.0 / count as f64;
             let every_other = directions.iter().step_by(2);
             let above = every_other.map(|[azimuth, level]| [azimuth + half, level + ABOVE_DEG]);

@@ -12,7 +12,7 @@ use super::sources::sigma;
 use crate::IdentifyError;
 use crate::identification::ObservationEquation;
 
-/// Weighted by what is independent from one observation to the next.
+/// The equation, weighted by the sources that are independent between observations.
 pub fn weighted<'a>(nest: &'a Nest<'a>, observed: &'a Observed) -> Equation<'a> {
     let equation = Equation::unweighted(nest, observed);
     let sigma = sigma(&equation);
@@ -20,7 +20,7 @@ pub fn weighted<'a>(nest: &'a Nest<'a>, observed: &'a Observed) -> Equation<'a> 
 }
 
 /// # Errors
-/// Means that do not separate the unknowns; no convergence.
+/// The means do not separate the unknowns, or the iteration does not converge.
 pub fn solve(equation: &Equation<'_>) -> Result<Minimum, IdentifyError> {
     let sensors: Vec<&str> =
         equation.nest.sensors.iter().map(|sensor| sensor.name.as_str()).collect();

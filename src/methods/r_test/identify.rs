@@ -1,4 +1,4 @@
-//! Plan + readings → estimate.
+//! Identification: from plan and readings to the estimate.
 
 use super::fit::{solve, survey, weighted};
 use super::model::Equation;
@@ -20,7 +20,7 @@ use machine::record::reading::Reading;
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7274_6573;
-/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+/// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
 const MAX_TRIALS: usize = 20_000;
 
@@ -30,8 +30,8 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
 };
 
 /// # Errors
-/// Readings that do not belong to the plan or do not separate the unknowns; sensors that show another direction or
-/// gain than declared.
+/// Readings do not belong to the plan or do not separate the unknowns, or a sensor has another direction or gain
+/// than declared.
 pub fn identify(
     plan: &Plan,
     settings: &Settings,
@@ -98,7 +98,7 @@ pub fn identify(
     })
 }
 
-/// The mean of each sensor at each point.
+/// One measurement for the mean of each sensor at each point.
 fn measurements(equation: &Equation<'_>, minimum: &Minimum) -> Vec<Measurement> {
     let rows = equation.means.iter().zip(&minimum.residuals).zip(&equation.sigma).enumerate();
     let measurement = |(i, ((mean, residual), sigma)): (usize, ((&SensorMean, &f64), &f64))| {

@@ -1,9 +1,9 @@
 //! Error motions of a rotary table by a discrete R-test in the centre of the table (paper 1, section 5.3): three
-//! displacement sensors on the table, a sphere in the spindle. The linear axes stand while the table turns, so that
-//! it is an independent comparison of self-calibration.
+//! displacement sensors on the table, a sphere in the spindle. The linear axes do not move while the table turns,
+//! so the result is an independent comparison with self-calibration.
 //!
-//! Small moves of the linear axes calibrate the sensors ([`model`]); the sphere's displacement against the nest at
-//! each stop gives the motion of the table ([`outputs`]).
+//! Small moves of the linear axes calibrate the sensors ([`model`]). The displacement of the sphere relative to the
+//! nest at each stop gives the motion of the table ([`outputs`]).
 
 mod fit;
 mod identify;

@@ -1,9 +1,10 @@
-//! The equations of the sensors: what each shows of the sphere's displacement.
+//! Observation equations of the sensors: the reading as a function of the sphere's displacement.
 //!
-//! Unknowns, in this order: of each sensor its reading at the origin (mm) and its gradient (mm/mm, table frame); the
-//! curvature of the surface that the sensors see (1/mm: of the sphere, or 0 of flat tips); the sphere's centre in X
-//! and Y from the nominal axis (mm); for each interruption a step of the sphere (mm, machine frame); of each stop but
-//! the first the displacement of the sphere against the nest (mm, table frame). At the first stop it is zero.
+//! Unknowns, in this order: for each sensor its reading at the origin (mm) and its gradient (mm/mm, table frame);
+//! the curvature of the surface that the sensors measure (1/mm: that of the sphere, or 0 for flat tips); the
+//! sphere's centre in X and Y relative to the nominal axis (mm); for each interruption a step of the sphere (mm,
+//! machine frame); for each stop except the first the displacement of the sphere relative to the nest (mm, table
+//! frame). At the first stop it is zero.
 
 use estimation::schur::Rows;
 use nalgebra::Vector3;
@@ -13,11 +14,11 @@ use super::observe::{Displacement, Observed, SensorMean};
 use crate::Refused;
 use crate::identification::ObservationEquation;
 
-/// Unknowns of a sensor.
+/// Number of unknowns of a sensor.
 const OF_SENSOR: usize = 4;
-/// A sensor looks along its declared direction to within this, cosine of 20°.
+/// Minimum cosine between the measured and the declared direction of a sensor: 20°.
 const MIN_COSINE: f64 = 0.94;
-/// Its gain is 1 to within this.
+/// Maximum deviation of a sensor's gain from 1.
 const MAX_GAIN_ERROR: f64 = 0.2;
 
 /// Indices of the unknowns.
@@ -25,7 +26,7 @@ const MAX_GAIN_ERROR: f64 = 0.2;
 pub struct Unknowns {
     pub sensors: usize,
     pub interruptions: usize,
-    /// Stops of the revolution; 0: none has been measured.
+    /// Number of stops of the revolution. 0: none has been measured.
     pub stops: usize,
 }
 
@@ -46,7 +47,7 @@ impl Unknowns {
         OF_SENSOR * self.sensors
     }
 
-    /// Of X; that of Y is the next.
+    /// Index of X of the sphere. Y is the next unknown.
     pub fn sphere(&self) -> usize {
         self.curvature() + 1
     }
@@ -55,7 +56,7 @@ impl Unknowns {
         self.sphere() + 2 + 3 * interruption
     }
 
-    /// `None` for the first stop, where the displacement is zero.
+    /// Index of the displacement at a stop. `None` for the first stop, where the displacement is zero.
     pub fn displacement(&self, stop: usize) -> Option<usize> {
         Some(self.step(self.interruptions) + 3 * stop.checked_sub(1)?)
     }
@@ -83,12 +84,12 @@ pub struct Equation<'a> {
     pub nest: &'a Nest<'a>,
     pub means: &'a [SensorMean],
     pub unknowns: Unknowns,
-    /// Of each mean, then of the sphere's position in X and Y, mm.
+    /// Standard uncertainty of each mean, then of the sphere's position in X and Y, mm.
     pub sigma: Vec<f64>,
 }
 
 impl<'a> Equation<'a> {
-    /// Without weights.
+    /// The equation with unit weights.
     pub fn unweighted(nest: &'a Nest<'a>, observed: &'a Observed) -> Self {
         let means = observed.means.as_slice();
         let is_stop = |mean: &SensorMean| matches!(mean.displacement, Displacement::AtStop(_));
@@ -98,7 +99,7 @@ impl<'a> Equation<'a> {
         Self { nest, means, unknowns, sigma: vec![1.0; means.len() + 2] }
     }
 
-    /// As the plan declares the sensors, the sphere on the axis of each.
+    /// Initial values: the sensors as the plan declares them, with the sphere on the axis of each.
     pub fn start(&self) -> Vec<f64> {
         let mut x = vec![0.0; self.unknowns.count()];
         for (number, sensor) in self.nest.sensors.iter().enumerate() {
@@ -127,8 +128,8 @@ impl<'a> Equation<'a> {
         own + mean.table.inverse() * steps.sum::<Vector3<f64>>()
     }
 
-    /// Reading of a sensor: z + g·w + κ(|w|² − (n·w)²)/2 with n along g; the last term is what a sphere recedes
-    /// across the sensor's direction.
+    /// Reading of a sensor: z + g·w + κ(|w|² − (n·w)²)/2 with n along g. The last term is the effect of the
+    /// sphere's curvature across the sensor's direction.
     fn reading(&self, mean: &SensorMean, x: &[f64]) -> f64 {
         let w = self.displacement(mean, x);
         let gradient = self.gradient(x, mean.sensor);
@@ -164,7 +165,7 @@ impl<'a> Equation<'a> {
         slopes
     }
 
-    /// The sphere's displayed position, less the unknown one: X, Y.
+    /// Displayed position of the sphere less the unknown one: X, Y.
     fn sphere_residuals(&self, x: &[f64]) -> [f64; 2] {
         let first = self.unknowns.sphere();
         [0, 1].map(|k| self.nest.from_axis[k] - x[first + k])
@@ -187,7 +188,7 @@ impl<'a> Equation<'a> {
     }
 
     /// # Errors
-    /// A sensor whose gradient is not its declared direction: it shows another one, or has another gain.
+    /// The gradient of a sensor differs from its declared direction: it has another direction or gain.
     pub fn check_sensors(&self, x: &[f64]) -> Result<(), Refused> {
         for (number, sensor) in self.nest.sensors.iter().enumerate() {
             let gradient = self.gradient(x, number);
@@ -237,7 +238,7 @@ fn refused_direction(name: &str, gradient: Vector3<f64>, swapped: Option<&str>) 
     }
 }
 
-/// Observations: the means, then the sphere's displayed position in X and Y from the nominal axis.
+/// Observations: the means, then the displayed position of the sphere in X and Y relative to the nominal axis.
 impl ObservationEquation for Equation<'_> {
     fn observations(&self) -> usize {
         self.means.len() + 2

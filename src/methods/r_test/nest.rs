@@ -10,12 +10,12 @@ use machine::record::plan::Plan;
 use machine::record::sensor::{Mount, Sensor};
 use machine::{Axis, Position};
 
-/// The centre of the nest may be off the axis by this at most, mm: the sphere does not follow a nest that turns
-/// about the axis.
+/// Largest distance between the centre of the nest and the axis, mm: the sphere does not follow a nest that moves
+/// around the axis.
 const MAX_OFF_AXIS_MM: f64 = 0.5;
-/// The determinant of three directions: 1 for orthogonal ones.
+/// Minimum determinant of the three sensor directions. It is 1 for orthogonal ones.
 const MIN_DETERMINANT: f64 = 0.1;
-/// Sensors must look past the common point by this at most, mm.
+/// Largest distance between the line of a sensor and the common point, mm.
 const MAX_MISSED_MM: f64 = 0.5;
 
 pub struct Nest<'a> {
@@ -25,15 +25,16 @@ pub struct Nest<'a> {
     /// The measured axis.
     pub axis: Axis,
     pub sensors: Vec<&'a Sensor>,
-    /// All axes with the sphere in the nest and the measured axis at zero.
+    /// Positions of all axes with the sphere in the nest and the measured axis at zero.
     pub origin: Position,
-    /// Centre of the sphere at the origin, from the nominal axis, machine frame, mm.
+    /// Centre of the sphere at the origin, relative to the nominal axis, machine frame, mm.
     pub from_axis: Vector3<f64>,
 }
 
 impl<'a> Nest<'a> {
     /// # Errors
-    /// No table axis along Z; fewer than three sensors on the table, or such as do not look at one point on the axis.
+    /// There is no table axis along Z, there are fewer than three sensors on the table, or the sensors do not point
+    /// at one point on the axis.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         let chain = Chain::new(&plan.machine)?;
         let table = TableAxis::of(&plan.machine, &chain).ok_or_else(Refused::no_table)?;
@@ -68,13 +69,13 @@ impl<'a> Nest<'a> {
             - self.chain.tip_in_table(&self.origin, tip, &[]).mm
     }
 
-    /// From the table frame to the machine frame with the measured axis at `angle`, rad.
+    /// Rotation from the table frame to the machine frame with the measured axis at `angle`, rad.
     pub fn table(&self, angle: f64) -> Rotation3<f64> {
         let at = self.origin.clone().with(self.axis, angle);
         self.chain.machine_from_table(&at, &[]).rotation
     }
 
-    /// The sphere's centre from the nominal axis, mm.
+    /// Position of the sphere's centre relative to the nominal axis, mm.
     pub fn sphere_position(&self) -> Vector3<f64> {
         self.chain
             .machine_from_spindle(&self.origin, &[])
@@ -82,12 +83,12 @@ impl<'a> Nest<'a> {
             .coords
     }
 
-    /// The angle of a stop, rad.
+    /// Angle of a stop, rad.
     pub fn angle(&self, stop: usize) -> f64 {
         stop as f64 * std::f64::consts::TAU / self.settings.positions as f64
     }
 
-    /// The stop at this angle, rad.
+    /// Index of the stop at `angle`, rad.
     pub fn stop(&self, angle: f64) -> usize {
         let positions = self.settings.positions as f64;
         let number = (angle / std::f64::consts::TAU * positions).round();
@@ -95,7 +96,7 @@ impl<'a> Nest<'a> {
     }
 }
 
-/// The point that all sensors look at, where the sphere is at the zero of each: table frame, mm.
+/// Common point of all sensor directions, where the sphere is at the zero of each sensor: table frame, mm.
 fn centre(sensors: &[&Sensor], radius_mm: f64) -> Result<Vector3<f64>, Refused> {
     Refused::unless(
         sensors.len() >= 3,

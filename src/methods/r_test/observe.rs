@@ -1,4 +1,4 @@
-//! Readings to means of the sensors at each point.
+//! From readings to means of the sensors at each point.
 
 use std::collections::BTreeSet;
 
@@ -11,10 +11,10 @@ use machine::Position;
 use machine::record::plan::Step;
 use machine::record::reading::{Flag, Reading};
 
-/// Where the sphere is against the nest.
+/// Displacement of the sphere relative to the nest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Displacement {
-    /// By the displayed positions, table frame, mm.
+    /// Known from the displayed positions, table frame, mm.
     Displayed(Vector3<f64>),
     /// Unknown, at this stop of the revolution.
     AtStop(usize),
@@ -28,24 +28,24 @@ pub struct SensorMean {
     /// Index among the sensors of the nest.
     pub sensor: usize,
     pub displacement: Displacement,
-    /// From the table frame to the machine frame.
+    /// Rotation from the table frame to the machine frame.
     pub table: Rotation3<f64>,
     pub value_mm: f64,
     pub samples: usize,
     pub t_s: f64,
-    /// Interruptions before it.
+    /// Number of interruptions before the mean.
     pub interruptions: usize,
 }
 
 #[derive(Debug, Default)]
 pub struct Observed {
     pub means: Vec<SensorMean>,
-    /// Points of a sensor without a distance.
+    /// Number of points of a sensor without a distance.
     pub missing: usize,
 }
 
 /// # Errors
-/// A reading of no step of the plan; a scan without a reading.
+/// A reading belongs to no step of the plan, or a scan has no reading.
 pub fn observed(nest: &Nest<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
     IdentifyError::check_steps(nest.plan, readings)?;
     let mut observed = Observed::default();
@@ -63,7 +63,7 @@ pub fn observed(nest: &Nest<'_>, readings: &[Reading]) -> Result<Observed, Ident
     Ok(observed)
 }
 
-/// Those whose nearest point of the path is this one; all visits of a point count for the first.
+/// Readings for which this point of the path is the nearest. All visits of a point count for the first one.
 fn readings_at<'r>(readings: &[&'r Reading], path: &[Position], point: usize) -> Vec<&'r Reading> {
     let distance = |reading: &Reading, point: &Position| -> f64 {
         point.iter().map(|(axis, at)| (reading.position.at(axis) - at).powi(2)).sum()
@@ -76,7 +76,8 @@ fn readings_at<'r>(readings: &[&'r Reading], path: &[Position], point: usize) ->
 }
 
 impl Observed {
-    /// Only interruptions with means on either side count: a scan that was stopped has been measured again as a whole.
+    /// Numbers the interruptions. Only those with means on either side count: an interrupted scan is measured again
+    /// as a whole.
     fn number_interruptions(&mut self) {
         let counts: BTreeSet<usize> = self.means.iter().map(|mean| mean.interruptions).collect();
         for mean in &mut self.means {

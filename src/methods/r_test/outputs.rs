@@ -1,15 +1,16 @@
-//! Reported quantities: axis position and error motions, as linear functions of the unknowns.
+//! Outputs: axis position and error motions, as linear functions of the unknowns.
 //!
-//! With the sphere's centre b from the nominal axis, R the rotation of the table and w the displacement of the sphere
-//! against the nest, the nest is displaced by E_total(C) = (I − R)b − R·w(C) against a rotation about the nominal
-//! axis: what self-calibration reports (METHODS section 1), so that the two can be compared.
+//! With the sphere's centre b relative to the nominal axis, R the rotation of the table and w the displacement of
+//! the sphere relative to the nest, the nest is displaced by E_total(C) = (I − R)b − R·w(C) relative to a rotation
+//! about the nominal axis. Self-calibration reports the same quantity (METHODS section 1), so the two can be
+//! compared.
 
 use machine::record::estimate::{FigureKind, Unit};
 
 use super::model::Equation;
 use crate::identification::{Curve, Output, Outputs, Range, range_outputs};
 
-/// Of each unknown, for X, Y and Z.
+/// Derivatives by each unknown, for X, Y and Z.
 type Slopes = [Vec<f64>; 3];
 
 pub fn outputs(equation: &Equation<'_>, x: &[f64]) -> Outputs {
@@ -61,7 +62,7 @@ pub fn outputs(equation: &Equation<'_>, x: &[f64]) -> Outputs {
     }
 }
 
-/// E_total of a stop.
+/// Derivatives of E_total at a stop.
 fn total(equation: &Equation<'_>, stop: usize) -> Slopes {
     let Equation { nest, unknowns, .. } = equation;
     let turn = nest.table(nest.angle(stop));
@@ -78,7 +79,7 @@ fn total(equation: &Equation<'_>, stop: usize) -> Slopes {
     slopes
 }
 
-/// Over all stops: the axis position in X and Y.
+/// Mean over all stops: the axis position in X and Y.
 fn mean(totals: &[Slopes]) -> Slopes {
     [0, 1, 2].map(|k| {
         let mut mean = vec![0.0; totals.first().map_or(0, |slopes| slopes[k].len())];
@@ -89,7 +90,7 @@ fn mean(totals: &[Slopes]) -> Slopes {
     })
 }
 
-/// The error motion: X and Y without what the axis position makes of them, Z without its mean.
+/// The error motion: X and Y without the effect of the axis position, Z without its mean.
 fn motion(equation: &Equation<'_>, stop: usize, total: &Slopes, mean: &Slopes) -> Slopes {
     let turn = equation.nest.table(equation.nest.angle(stop));
     let turn = turn.matrix();

@@ -7,22 +7,22 @@ use crate::Refused;
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    /// Names of the sensors; empty: all of the machine file.
+    /// Names of the sensors. Empty: all sensors of the machine file.
     pub sensors: Vec<String>,
-    /// Stops in one revolution, at equal angles from zero on.
+    /// Number of stops in one revolution, at equal angles that start at zero.
     pub positions: usize,
-    /// The sphere is moved by so much along X, Y and Z to calibrate the sensors.
+    /// Displacement of the sphere along X, Y and Z for the calibration of the sensors.
     pub calibration_mm: f64,
-    /// Feed of these moves, mm/min.
+    /// Feed of the calibration moves, mm/min.
     pub feed_mm_min: f64,
-    /// Feed of the turns, degrees a minute.
+    /// Feed of the turns, degrees per minute.
     pub feed_deg_min: f64,
-    /// Rest at a stop before its samples, and how many are taken there of each sensor.
+    /// Dwell time at a stop before its samples, and number of samples of each sensor at a stop.
     pub dwell_s: f64,
     pub samples: u32,
     /// Standard deviation of the sphere's form.
     pub u_sphere_form_um: f64,
-    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    /// Number of Monte Carlo trials. 0: adaptive as in JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
 }
 
@@ -42,15 +42,16 @@ impl Default for Settings {
     }
 }
 
-/// Fewer stops do not separate the axis position from an error motion of low order.
+/// Minimum number of stops. Fewer do not separate the axis position from an error motion of low order.
 const MIN_POSITIONS: usize = 4;
 const MAX_POSITIONS: usize = 720;
-/// With an axis 5 mm from where it is stated the sphere moves by 2 mm/s against the sensors.
+/// Maximum feed of the turns. With an axis 5 mm from its stated position the sphere moves at 2 mm/s relative to the
+/// sensors.
 const MAX_FEED_DEG_MIN: f64 = 1440.0;
 
 impl Settings {
     /// # Errors
-    /// Numbers that make no measurement.
+    /// The numbers do not describe a possible measurement.
     pub fn check(&self) -> Result<(), Refused> {
         Refused::check_numbers(
             &[

@@ -15,9 +15,9 @@ use crate::identification::{
 };
 use machine::{Axis, Position};
 
-/// Assumed standard deviation of one sample where none is declared, mm; the residuals rescale it.
+/// Assumed standard deviation of one sample if none is declared, mm. The residuals rescale it.
 const UNDECLARED_NOISE_MM: f64 = 1e-4;
-/// No observation has more weight than one of this standard uncertainty, mm.
+/// Smallest standard uncertainty of an observation, which limits its weight, mm.
 const MIN_U_MM: f64 = 1e-6;
 
 /// All sources at the solution `x`.
@@ -37,7 +37,7 @@ pub fn sources(equation: &Equation<'_>, x: &[f64]) -> Vec<UncertaintySource> {
     all
 }
 
-/// Standard uncertainty of each observation, from what is independent from one to the next.
+/// Standard uncertainty of each observation, from the sources that are independent between observations.
 pub fn sigma(equation: &Equation<'_>) -> Vec<f64> {
     let x = equation.start();
     let list = SourceList { equation, x: &x };
@@ -54,7 +54,7 @@ struct SourceList<'a> {
 }
 
 impl SourceList<'_> {
-    /// A source that the residuals do not show.
+    /// A source whose size the residuals do not change, and that does not enter the weights.
     fn unjudged(&self, name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
         UncertaintySource {
             in_residuals: InResiduals::Expected,
@@ -82,7 +82,8 @@ impl SourceList<'_> {
         UncertaintySource { evaluation: EvaluationType::A, ..noise }
     }
 
-    /// Of the displayed positions of the calibration, one draw a point and axis, and of the sphere's position.
+    /// Resolution of the displayed positions: one draw for each point of the calibration and axis, and for the
+    /// sphere's position.
     fn resolution(&self) -> UncertaintySource {
         let u = |axis: Axis| resolution_mm(self.equation.nest.plan, axis.direction());
         let moved: Vec<Vector3<f64>> = self.equation.means.iter().filter_map(displayed).collect();
@@ -107,7 +108,7 @@ impl SourceList<'_> {
         UncertaintySource { shape: Shape::Rectangular, ..source }
     }
 
-    /// Of each sensor a smooth random function of its reading.
+    /// Linearity error: a smooth random function of the reading of each sensor.
     fn linearity(&self) -> UncertaintySource {
         let mut columns = Vec::new();
         for (number, sensor) in self.equation.nest.sensors.iter().enumerate() {
@@ -131,12 +132,12 @@ impl SourceList<'_> {
         self.unjudged("linearity of the sensor", columns)
     }
 
-    /// The sensors turn about the sphere. Its first harmonic is its position.
+    /// Form of the sphere. The sensors turn around the sphere, so its first harmonic is its position.
     fn sphere_form(&self) -> UncertaintySource {
         let size_mm = self.equation.nest.settings.u_sphere_form_um * 1e-3;
         let normals = self.equation.means.iter().map(|mean| {
             let towards = mean.table * self.gradient(mean);
-            // Declared of the circle about the spindle's axis that the sensors see.
+            // The form is declared for the circle around the spindle's axis that the sensors measure.
             -Vector3::new(towards.x, towards.y, 0.0).normalize()
         });
         let patterns =
@@ -147,13 +148,14 @@ impl SourceList<'_> {
         self.unjudged("form of the sphere", columns.collect())
     }
 
-    /// Of the sphere's centre from the spindle's axis.
+    /// Offset of the sphere's centre from the spindle's axis.
     fn stylus_offset(&self) -> Vec<Vec<f64>> {
         let u = self.equation.nest.plan.probe.stylus_offset_um * 1e-3;
         vec![self.column(|_| 0.0, [u, 0.0]), self.column(|_| 0.0, [0.0, u])]
     }
 
-    /// In the calibration as its path goes; at the stops the axes stand as it has left them.
+    /// Backlash. During the calibration it follows the path; at the stops it remains as at the end of the
+    /// calibration.
     fn backlash(&self) -> Vec<Vec<f64>> {
         let nest = self.equation.nest;
         let calibration = nest.plan.steps.iter().find(|step| step.label == CALIBRATION);
@@ -164,7 +166,7 @@ impl SourceList<'_> {
         let at_stops = lags.last().copied().unwrap_or_default();
         let displacements: Vec<Vector3<f64>> =
             path.iter().map(|at| nest.displacement(at)).collect();
-        // All visits of a point count for its mean.
+        // The mean of a point includes all visits of it.
         let of_point = |by: Vector3<f64>| -> Vector3<f64> {
             let visits = displacements.iter().zip(&lags).filter(|(other, _)| **other == by);
             let off: Vec<Vector3<f64>> = visits.map(|(_, lag)| lag - at_stops).collect();
@@ -183,7 +185,8 @@ impl SourceList<'_> {
         [0, 1, 2].map(column).into()
     }
 
-    /// At the sphere's place; over the short moves of the calibration they do not change.
+    /// Errors of the linear axes at the position of the sphere. They do not change over the short moves of the
+    /// calibration.
     fn linear_axes(&self) -> Vec<Vec<f64>> {
         let nest = self.equation.nest;
         let patterns = linear_motion_patterns(nest.plan, &[nest.origin.xyz()]);
@@ -194,7 +197,7 @@ impl SourceList<'_> {
             .collect()
     }
 
-    /// The table against the spindle at the declared rate, zero at the mean time.
+    /// Drift of the table relative to the spindle at the declared rate, zero at the mean time.
     fn drift(&self) -> Vec<Vec<f64>> {
         let rate = drift_mm_per_s(self.equation.nest.plan);
         let means = self.equation.means;
@@ -210,7 +213,7 @@ impl SourceList<'_> {
     }
 }
 
-/// By how much the calibration has moved the sphere; `None` at its origin and at the stops.
+/// Displacement of the sphere by the calibration. `None` at the origin and at the stops.
 fn displayed(mean: &SensorMean) -> Option<Vector3<f64>> {
     match mean.displacement {
         Displacement::Displayed(by) if by != Vector3::zeros() => Some(by),

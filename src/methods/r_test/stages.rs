@@ -1,4 +1,4 @@
-//! Which stage comes next: the prompt and the calibration of the sensors, then the turns.
+//! Sequence of stages: the prompt and the calibration of the sensors, then the turns.
 
 use super::fit;
 use super::label::{BACKWARD, CALIBRATION, FORWARD, PROMPT, REFERENCE};
@@ -12,10 +12,10 @@ use machine::record::reading::Reading;
 use machine::record::watch::WatchedSensor;
 use machine::{Axis, Position};
 
-/// The next stage after the `done` ones.
+/// The stage that follows the `done` ones.
 ///
 /// # Errors
-/// A turn that does not fit the axis limits; sensors that show another direction or gain than declared.
+/// A turn exceeds the axis limits, or a sensor has another direction or gain than declared.
 pub fn next(nest: &Nest<'_>, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
     let (name, steps) = match done.len() {
         0 => {
@@ -33,7 +33,7 @@ pub fn next(nest: &Nest<'_>, done: &[Stage], source: Source<'_>) -> Result<Next,
     Ok(Next::new_steps(nest.plan, done, name, steps))
 }
 
-/// Before the table turns.
+/// Checks the sensors before the table turns.
 fn check_sensors(nest: &Nest<'_>, readings: &[Reading]) -> Result<(), Refused> {
     let failed = |why: String| {
         Refused::new(why, "check that each sensor measures the sphere, then start a new run")
@@ -56,7 +56,7 @@ fn prompt(nest: &Nest<'_>) -> Step {
     Step { watch, ..Step::prompt(PROMPT.to_owned(), text) }
 }
 
-/// About the origin, along each axis both ways.
+/// Calibration moves around the origin, in both directions along each axis.
 fn calibration(nest: &Nest<'_>) -> Step {
     let by = nest.settings.calibration_mm;
     let mut path = vec![nest.origin.clone()];
@@ -73,7 +73,7 @@ fn calibration(nest: &Nest<'_>) -> Step {
 fn turns(nest: &Nest<'_>) -> Result<Vec<Step>, Refused> {
     let forward = turn_deg(nest)?;
     let backward: Vec<f64> = forward.iter().rev().copied().collect();
-    // Two stops, so that the scan is a turn.
+    // The reference has two stops, so that the scan is a turn.
     let reference = forward[..2].to_vec();
     let turn = |label, kind, angles: Vec<f64>| {
         let at = |deg: &f64| nest.origin.clone().with(nest.axis, nest.axis.from_edge(*deg));
@@ -89,7 +89,7 @@ fn turns(nest: &Nest<'_>) -> Result<Vec<Step>, Refused> {
 /// Angles of one revolution.
 ///
 /// # Errors
-/// The axis does not turn so far.
+/// The axis limits do not allow a revolution.
 fn turn_deg(nest: &Nest<'_>) -> Result<Vec<f64>, Refused> {
     let positions = nest.settings.positions;
     let steps = Turns { positions, revolutions: 1, lead: 0 }.within(nest.plan, nest.axis)?;

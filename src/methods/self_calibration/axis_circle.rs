@@ -1,5 +1,5 @@
-//! The axis position as ISO 230-7 has it: the least-squares circle through the positions of
-//! E_total, beside the mean that is the default.
+//! The axis position by ISO 230-7: the least-squares circle through the positions of E_total, in addition to the
+//! mean, which is the default.
 
 use super::model::Layout;
 use super::parts::Parts;
@@ -10,8 +10,8 @@ use machine::record::estimate::{CircleFigure, Estimate, Unit};
 /// Half width of the numerical derivative of the circle's centre, mm.
 const DERIVATIVE_STEP_MM: f64 = 1e-6;
 
-/// Adds the centre and the figure of the circle. Where no circle can be fitted there is none: an axis
-/// without offset leaves only scatter.
+/// Adds the centre and the figure of the circle. Adds nothing if no circle can be fitted: an axis without offset
+/// leaves only scatter.
 pub fn add_axis_circle(parts: &Parts<'_>, estimate: &mut Estimate) {
     let (layout, x, axis) = (&parts.fit.layout, &parts.fit.x, parts.axis.axis);
     let Ok(circle) = fit_circle(&axis_points(layout, x)) else { return };

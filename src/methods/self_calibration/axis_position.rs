@@ -1,4 +1,4 @@
-//! Where the axis stands in machine coordinates: the stated axis and what was measured against it.
+//! Position of the axis in machine coordinates: the stated axis plus the measured location errors.
 
 use nalgebra::Vector3;
 
@@ -8,8 +8,8 @@ use machine::record::estimate::{BudgetLine, Estimate, Parameter, Unit};
 
 const MM_PER_UM: f64 = 1e-3;
 
-/// Adds X and Y of the axis, at the heights of its location errors. They stay as they are when
-/// `point_mm` is corrected.
+/// Adds X and Y of the axis, at the heights of its location errors. They do not change when `point_mm` is
+/// corrected.
 pub fn add_axis_position(parts: &Parts<'_>, estimate: &mut Estimate) {
     let mean = parts.heights.iter().sum::<f64>() / parts.heights.len() as f64;
     let stated = parts.axis.at_height(mean);
@@ -29,7 +29,7 @@ pub fn add_axis_position(parts: &Parts<'_>, estimate: &mut Estimate) {
     estimate.parameters.extend(positions);
 }
 
-/// The stated axis, and how the machine file would state the measured one.
+/// The stated axis, and the measured axis as an entry of the machine file.
 pub fn stated_and_measured(parts: &Parts<'_>, estimate: &Estimate) -> String {
     let axis = parts.axis.axis;
     let off = location_errors(estimate).iter().map(|error| error.value * MM_PER_UM).collect();
@@ -48,7 +48,7 @@ pub fn stated_and_measured(parts: &Parts<'_>, estimate: &Estimate) -> String {
     )
 }
 
-/// Of the axis along X and Y: the first two parameters.
+/// Location errors of the axis along X and Y: the first two parameters.
 fn location_errors(estimate: &Estimate) -> Vec<Parameter> {
     estimate.parameters.iter().take(2).cloned().collect()
 }

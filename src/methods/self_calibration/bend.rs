@@ -1,6 +1,6 @@
-//! The second-order terms of the measurement equation (METHODS section 1): what a radius lacks
-//! because the ball meets the part beside the ray. The coefficients do not depend on the unknowns; many
-//! trials are evaluated at once.
+//! The second-order terms of the measurement equation (METHODS section 1): the reduction of a radius because the
+//! ball contacts the part off the ray. The coefficients do not depend on the unknowns. Many trials are evaluated
+//! at once.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -15,11 +15,11 @@ pub struct Bend {
     pub heights: Vec<HeightForms>,
 }
 
-/// One observation.
+/// Contact of one observation.
 pub struct Contact {
     pub height: usize,
     pub normal: Vector3<f64>,
-    /// Indices of its unknowns.
+    /// Indices of the unknowns E_x and E_y.
     pub ex: usize,
     pub ey: usize,
     /// Grid angle on the part.
@@ -31,8 +31,8 @@ pub struct Contact {
 pub struct HeightForms {
     /// Index of R.
     pub radius: usize,
-    /// Unknowns × forms: at each grid angle the derivative of W, 1/rad; then scale difference and
-    /// squareness for R = 1 mm.
+    /// Unknowns × forms: the derivative of W at each grid angle, 1/rad, then scale difference and squareness for R
+    /// = 1 mm.
     pub forms: Mat<f64>,
 }
 
@@ -54,11 +54,11 @@ impl Bend {
     }
 }
 
-/// What all contacts of a height share, one entry a trial.
+/// Values that all contacts of a height share, one entry per trial.
 struct HeightTrials {
-    /// Trials × forms.
+    /// Values of the forms, trials × forms.
     forms: Mat<f64>,
-    /// 1/R, 1/mm.
+    /// Curvature 1/R, 1/mm.
     curvature: Vec<f64>,
     arch: Arch,
 }
@@ -93,8 +93,8 @@ impl Contact {
     }
 }
 
-/// The terms of one contact in all trials. Not a closure: only this form is inlined where the wide
-/// registers are in use.
+/// The terms of one contact in all trials. A struct instead of a closure: only this form is inlined with the wide
+/// registers enabled.
 struct AddTerms<'a> {
     cos: f64,
     sin: f64,
@@ -120,7 +120,7 @@ impl WithSimd for AddTerms<'_> {
         let (scale, squareness) = (&scale[..trials], &squareness[..trials]);
         let curvature = &curvature[..trials];
         for trial in 0..trials {
-            // E_lin·t. The forms hold 1/L, the deviations L: they cancel.
+            // E_lin·t. The factor 1/L of the forms and the factor L of the deviations cancel.
             let linear_axes = squareness[trial] * squared + scale[trial] * mixed;
             let tau = ey[trial] * cos - ex[trial] * sin - linear_axes - lateral;
             radii[trial] += tau * (slope[trial] + tau / 2.0) * curvature[trial];

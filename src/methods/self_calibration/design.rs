@@ -1,8 +1,8 @@
-//! The measuring design: which angles of the grid each test touches, and whether the unknowns can
-//! be told apart (paper 1, section 2.2; METHODS section 1).
+//! The measuring design: the grid angles that each test touches, and whether they separate the unknowns (paper 1,
+//! section 2.2; METHODS section 1).
 //!
-//! All angles are multiples of δ = 360°/N. The touch with table index `c` and probe index `phi`
-//! meets the part at workpiece index `c + phi` (C counted positive after ISO 841).
+//! All angles are multiples of δ = 360°/N. The touch with table index `c` and probe index `phi` contacts the part
+//! at workpiece index `c + phi` (C is positive by ISO 841).
 
 use std::f64::consts::TAU;
 
@@ -23,9 +23,9 @@ pub struct Touch {
 pub enum Test {
     /// Test 1 with the given probe angle: 0 is 1a, 1 is 1b, 2 is 1c.
     One(usize),
-    /// The probe goes round the standing part.
+    /// Test 2: the probe moves around the part at rest.
     Two,
-    /// The probe follows one point of the turning part.
+    /// Test 3: the probe follows one point of the turning part.
     Three,
     /// Drift references before (0) and after each test.
     Reference(usize),
@@ -55,11 +55,11 @@ pub struct Design {
 }
 
 impl Design {
-    /// The design that the settings ask for.
+    /// The design of the settings.
     ///
     /// # Errors
-    /// Refuses fewer than five positions, probe angles off the grid, and a design in which
-    /// gcd(k_b, N) ≠ 1: its rank deficiency is gcd − 1 (METHODS section 1). Names one that works.
+    /// There are fewer than five positions, probe angles off the grid, or gcd(k_b, N) ≠ 1: the rank deficiency is
+    /// gcd − 1 (METHODS section 1). The refusal names a design that works.
     pub fn new(settings: &Settings) -> Result<Self, Refused> {
         let n = settings.positions;
         if !(5..=120).contains(&n) {
@@ -115,12 +115,12 @@ impl Design {
         TAU * index as f64 / self.n as f64
     }
 
-    /// Grid index of the workpiece angle that a touch meets.
+    /// Grid index of the workpiece angle of a touch.
     pub fn theta(&self, c: usize, phi: usize) -> usize {
         (c + phi) % self.n
     }
 
-    /// The cycle in measuring order: 1a, 1b, …, 2, 3, with references between if asked for.
+    /// The touches in measuring order: 1a, 1b, …, 2, 3, with references between the tests if requested.
     pub fn cycle(&self, references: bool) -> Vec<Touch> {
         let mut touches = Vec::new();
         let tests = (0..self.probes.len()).map(Test::One).chain([Test::Two, Test::Three]);
@@ -146,8 +146,8 @@ impl Design {
         }
     }
 
-    /// Touches at 0°, 90° and 180°, or at the grid angles nearest to them: one touch alone sees
-    /// neither a shift in Y nor growth.
+    /// Reference touches at 0°, 90° and 180°, or at the nearest grid angles. One touch alone detects neither a
+    /// shift in Y nor growth.
     fn reference(&self, round: usize) -> impl Iterator<Item = Touch> + '_ {
         let near = |quarter: usize| (quarter * self.n + 2) / 4 % self.n;
         [0, near(1), near(2)].into_iter().map(move |phi| Touch {

@@ -1,4 +1,4 @@
-//! The estimate: parameters, figures and sentences.
+//! The estimate: parameters, figures and texts.
 
 use super::axis_circle::add_axis_circle;
 use super::axis_position::{add_axis_position, stated_and_measured};
@@ -24,7 +24,7 @@ pub fn estimate(parts: &Parts<'_>) -> Estimate {
     add_axis_circle(parts, &mut estimate);
     add_axis_position(parts, &mut estimate);
     for parameter in &mut estimate.parameters {
-        // Under the wrong sense of the axis the values answer another question.
+        // With the wrong sense of the axis the values are not those of the stated parameters.
         parameter.identifiable = parts.sense != Sense::Contradicted;
     }
     estimate.gauge = gauge(parts, &estimate);
@@ -63,7 +63,7 @@ fn gauge(parts: &Parts<'_>, estimate: &Estimate) -> Vec<String> {
     lines
 }
 
-/// What was taken as known, and what is left of it by convention.
+/// Texts on the known error motions, and on the parameters that are conventional as a result.
 fn known_motions(parts: &Parts<'_>) -> Vec<String> {
     let (axis, known) = (parts.axis.axis, parts.known);
     if known.is_empty() {
@@ -150,7 +150,7 @@ fn warnings(parts: &Parts<'_>, radial: &RadialCheck) -> Vec<String> {
     lines
 }
 
-/// The steps of the machine in the interruptions, with U.
+/// Texts on the steps of the machine in the interruptions, with U.
 fn steps(parts: &Parts<'_>) -> Vec<String> {
     let layout = &parts.fit.layout;
     let um = |gap: usize, what: usize| {
@@ -174,8 +174,8 @@ fn steps(parts: &Parts<'_>) -> Vec<String> {
     lines
 }
 
-/// The paper's own identification of the first pass beside ours, where it is far off: more than
-/// four times the product's u.
+/// Result of the paper's own identification for the first pass, if it differs from the estimate by more than four
+/// times u.
 fn paper_comparison(parts: &Parts<'_>) -> Option<String> {
     let mut design = parts.fit.layout.design.clone();
     design.probes.truncate(2);

@@ -1,5 +1,4 @@
-//! From radii to the unknowns: weighted least squares with the gauge made explicit, and the
-//! second-order correction around it.
+//! Fit of the unknowns to the radii: weighted least squares with explicit gauge, and the second-order correction.
 
 use faer::{Mat, MatRef, Scale};
 
@@ -10,8 +9,8 @@ use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
 /// Relative threshold of rank decisions for paper 1 (METHODS, conventions).
 pub const RANK_THRESHOLD: f64 = 1e-9;
-/// At most so many repetitions of the second-order correction. It is some 20 µm times the error of E over
-/// the radius: it contracts by a factor of about 1e-3 a repetition.
+/// Maximum number of iterations of the second-order correction. The correction is some 20 µm times the error of E
+/// over the radius. It contracts by a factor of about 1e-3 per iteration.
 const MAX_CORRECTIONS: usize = 8;
 /// Largest change of an unknown by the last correction, mm.
 const SETTLED_MM: f64 = 1e-10;
@@ -25,16 +24,16 @@ pub struct Fit {
     /// Standard uncertainty of each radius, mm.
     pub sigma: Vec<f64>,
     pub a: Mat<f64>,
-    /// Without second order.
+    /// Solution without second-order correction.
     pub solution: LinearSolution,
     pub bend: Option<Bend>,
-    /// The unknowns, second order included.
+    /// The unknowns, including the second-order correction.
     pub x: Vec<f64>,
 }
 
 impl Fit {
     /// # Errors
-    /// The combinations of unknowns that these observations cannot tell apart.
+    /// The combinations of unknowns that these observations do not separate.
     pub fn new(
         layout: Layout,
         observations: Vec<Observation>,
@@ -58,8 +57,8 @@ impl Fit {
         Ok(fit)
     }
 
-    /// Unknowns (trials × unknowns) for changes of the radii (trials × observations, mm). The gain multiplies
-    /// changes alone, not whole radii, whose rounding the numerical derivative would amplify.
+    /// Unknowns (trials × unknowns) for changes of the radii (trials × observations, mm). The gain multiplies only
+    /// the changes. With whole radii the numerical derivative would amplify their rounding.
     pub fn solve_near(&self, changes: MatRef<'_, f64>) -> Mat<f64> {
         let LinearSolution { x: linear, gain, .. } = &self.solution;
         let mut x = shifted(changes * gain.transpose(), linear);
@@ -69,7 +68,7 @@ impl Fit {
             let mut corrected = changes.to_owned();
             bend.add_terms(&x, &mut corrected);
             let next = shifted(corrected * gain.transpose(), linear);
-            // A settled trial does not depend on the trials beside it.
+            // The result of a converged trial must not depend on the other trials.
             unsettled.retain(|trial| {
                 let change = (next.row(*trial) - x.row(*trial)).norm_max();
                 x.row_mut(*trial).copy_from(next.row(*trial));
@@ -82,7 +81,7 @@ impl Fit {
         x
     }
 
-    /// Of the corrected radii, mm.
+    /// Residuals of the corrected radii, mm.
     pub fn residuals(&self) -> Vec<f64> {
         let x = Mat::from_fn(1, self.x.len(), |_, j| self.x[j]);
         let mut radii =
@@ -103,8 +102,8 @@ impl Fit {
         }
     }
 
-    /// Unknowns × observations: the derivative of the whole solution by each radius, second order
-    /// included. With an eccentric part it differs from the linear gain by some W′/L, 2 % per mm.
+    /// Unknowns × observations: the derivative of the complete solution by each radius, including second order. For
+    /// an eccentric part it differs from the linear gain by about W′/L, 2 % per mm.
     fn sensitivity(&self) -> Mat<f64> {
         if self.bend.is_none() {
             return self.solution.gain.clone();
@@ -120,7 +119,7 @@ impl Fit {
 /// A fit with the derivative of its solution.
 pub struct LinearisedFit<'a> {
     fit: &'a Fit,
-    /// Unknowns × observations.
+    /// Derivative of the unknowns by the radii, unknowns × observations.
     pub sensitivity: Mat<f64>,
 }
 
@@ -156,8 +155,8 @@ impl ObservationModel for LinearisedFit<'_> {
         self.functions_near(changes, Mat::<f64>::identity(unknowns, unknowns).as_ref())
     }
 
-    /// First order, then one second-order correction there: it contracts an error of some 1e-8 mm by
-    /// 2e-2 or less.
+    /// First order, then one second-order correction at that point. The correction contracts an error of some 1e-8
+    /// mm by 2e-2 or less.
     fn functions_near(&self, changes: MatRef<'_, f64>, slopes: MatRef<'_, f64>) -> Mat<f64> {
         let Fit { x, bend, solution, .. } = self.fit;
         let mut radii = changes.to_owned();
@@ -171,7 +170,7 @@ impl ObservationModel for LinearisedFit<'_> {
     }
 }
 
-/// `columns` (trials × n) plus one number a column.
+/// `columns` (trials × n) plus one number per column.
 fn shifted(mut columns: Mat<f64>, by: &[f64]) -> Mat<f64> {
     for (j, by) in by.iter().enumerate() {
         columns.col_as_slice_mut(j).iter_mut().for_each(|value| *value += by);

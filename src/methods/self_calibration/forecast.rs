@@ -1,4 +1,4 @@
-//! What a run will reach, from its plan alone.
+//! Forecast of the results of a run, from its plan alone.
 
 use super::estimate;
 use super::identify::{nominal_reading, parts};
@@ -10,15 +10,15 @@ use machine::Axis;
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
 
-/// What a sentence on error motions that are not identifiable begins with.
+/// Prefix of the texts on error motions that are not identifiable.
 const ALIASED: &str = "error motions of";
 const MOST_POSITIONS: usize = 72;
 
-/// U that a plan with all steps at nominal positions will reach, and which deviations of a single touch it will find;
-/// `machine_s` of machine time.
+/// Expected U for a plan with all steps at nominal positions, and the smallest deviations of a single touch that
+/// are detectable. `machine_s`: machine time, s.
 ///
 /// # Errors
-/// A cycle that cannot be identified.
+/// The cycle cannot be identified.
 pub fn forecast(
     plan: &Plan,
     settings: &Settings,
@@ -55,7 +55,8 @@ pub fn forecast(
         .collect())
 }
 
-/// Where the axis is known to have error motions that its positions cannot tell from its location: how many could.
+/// Suggests a number of positions if the grid does not separate the declared error motion orders of the axis from
+/// its location.
 fn better_positions(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
     let orders = &plan.machine.axes.get(&axis)?.error_motion_orders;
     let is_lost = |n: usize| orders.iter().any(|order| (*order as usize).is_multiple_of(n));
@@ -69,7 +70,7 @@ fn better_positions(plan: &Plan, axis: Axis, n: usize) -> Option<String> {
 /// Steps of touches that no other touch checks after all passes.
 ///
 /// # Errors
-/// As [`forecast`].
+/// The errors of [`forecast`].
 pub fn unchecked(
     plan: &Plan,
     settings: &Settings,

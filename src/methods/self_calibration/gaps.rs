@@ -1,21 +1,20 @@
-//! Interruptions of the cycle: time stands still in them, and the drift model may step there.
+//! Interruptions of the cycle. They are removed from the time, and the drift model may have a step there.
 //!
-//! A line through hours in which nobody measured would say more than anybody knows. So the drift goes
-//! on after an interruption as it went before, from wherever the references find the machine.
+//! The drift model does not interpolate through hours without measurements. After an interruption the drift
+//! continues at the same rate, from the machine position that the references determine.
 
 use super::model::Observation;
 use crate::IdentifyError;
 
-/// Directions that must be touched between two interruptions, so that its step in X, Y and radius is
-/// known: any three different ones will do.
+/// Minimum number of directions touched between two interruptions, so that the step in X, Y and radius is
+/// determined. Any three different directions are sufficient.
 const DIRECTIONS: usize = 3;
 
-/// Take the interruptions out of the times (s), and the observations that no step can connect with
-/// the rest. Returns when the interruptions were, on the times that are left, and how many
-/// observations were left out.
+/// Removes the interruptions from the times (s), and the observations that no step connects with the rest. Returns
+/// the times of the interruptions on the remaining time scale, and the number of removed observations.
 ///
 /// # Errors
-/// Readings without times: nobody knows which were taken before an interruption.
+/// The readings have no times, so those before an interruption are unknown.
 pub fn close(
     observations: &mut Vec<Observation>,
     gaps_s: &[f64],
@@ -53,7 +52,8 @@ fn directions(seen: &[Observation]) -> usize {
     angles.len()
 }
 
-/// Let each segment begin one touch after the end of the one before; the times in between.
+/// Shifts each segment to begin one touch after the end of the segment before. Returns the times between the
+/// segments.
 fn join(segments: &mut [Vec<Observation>]) -> Vec<f64> {
     let span = |seen: &[Observation]| {
         let times = || seen.iter().map(|seen| seen.time);

@@ -1,4 +1,4 @@
-//! Plan + readings → estimate.
+//! Identification: from plan and readings to the estimate.
 
 use super::design::Design;
 use super::estimate;
@@ -26,14 +26,15 @@ use machine::record::reading::{Flag, Reading};
 
 /// Seed of the Monte Carlo propagation: fixed, so that the same readings give the same bytes.
 const MONTE_CARLO_SEED: u64 = 0x7275_6564;
-/// Significant digits of u in which the trials shall be stable (JCGM 101, 7.9.2).
+/// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 2;
 
-/// At most so many lost combinations of unknowns are named: of the paper's unknowns there are dozens.
+/// Maximum number of undetermined combinations of unknowns that are named. For the paper's unknowns there are
+/// dozens.
 const MAX_NAMED_LOST: usize = 4;
 
-/// Bound of the adaptive rule, which usually stops before: 200 000 trials, fewer for large designs,
-/// so that it stays a matter of seconds.
+/// Trials of the Monte Carlo propagation. The adaptive rule has a limit of 200 000 trials, fewer for large designs,
+/// so that it takes seconds. It usually stops earlier.
 fn trial_plan(settings: &Settings, fit: &Fit) -> TrialPlan {
     let products = (fit.a.nrows() * fit.a.ncols()).max(1);
     let max = (4_000_000_000 / products).clamp(10_000, 200_000);
@@ -41,8 +42,8 @@ fn trial_plan(settings: &Settings, fit: &Fit) -> TrialPlan {
     TrialPlan { seed: MONTE_CARLO_SEED, trials }
 }
 
-/// Refuse a cycle whose readings could not be told apart, before the first move: the rank of the
-/// nominal design, drift and heights included.
+/// Refuses, before the first move, a cycle whose readings do not separate the unknowns: checks the rank of the
+/// nominal design, including drift and heights.
 pub fn check_well_posed(
     plan: &Plan,
     settings: &Settings,
@@ -64,7 +65,7 @@ pub fn check_well_posed(
     fit(axis, layout, observed.observations, sigma, settings).map(drop).map_err(refused)
 }
 
-/// A reading at the start of its touch: only its place in the design counts.
+/// A reading at the start of its touch. Only its position in the design is used.
 pub fn nominal_reading(step: &Step) -> Reading {
     Reading {
         step: step.id,
@@ -90,7 +91,7 @@ fn observe_cycle(
     Ok((Layout { design, heights: axis.heights.len(), drift_order, gaps }, observed))
 }
 
-/// The solved fit of one plan's readings, and what its uncertainty follows from.
+/// The solved fit of one plan's readings, with the sources of its uncertainty.
 pub struct Fitted {
     pub fit: Fit,
     pub sources: Vec<UncertaintySource>,
@@ -100,7 +101,7 @@ pub struct Fitted {
 }
 
 /// # Errors
-/// As [`identify`].
+/// The errors of [`identify`].
 pub fn fitted(
     plan: &Plan,
     settings: &Settings,
@@ -123,7 +124,7 @@ pub fn fitted(
     Ok(Fitted { fit, sources, outputs, timed, left_out })
 }
 
-/// The whole identification of one plan's readings.
+/// Identifies the readings of one plan.
 pub fn identify(
     plan: &Plan,
     settings: &Settings,
@@ -138,7 +139,7 @@ pub fn identify(
 /// The solved cycle with its uncertainty.
 ///
 /// # Errors
-/// As [`identify`].
+/// The errors of [`identify`].
 pub fn parts<'a>(
     plan: &'a Plan,
     settings: &'a Settings,
@@ -165,7 +166,7 @@ pub fn parts<'a>(
     Ok(Parts { plan, settings, axis, heights, known, fit, identification, sense, timed, left_out })
 }
 
-/// The touches. Deviations count along the ray, outward.
+/// One measurement per touch. Deviations are along the ray, positive outward.
 fn measurements(plan: &Plan, fit: &Fit, residuals: &[f64]) -> Vec<Measurement> {
     let label = |id: u32| {
         let step = plan.steps.iter().find(|step| step.id == id);
@@ -193,7 +194,7 @@ fn fit(
         .map_err(|error| IdentifyError::unsolved(error, lost))
 }
 
-/// The first lines, and the number of the others.
+/// The first lines, and the number of omitted lines.
 fn a_few(mut lines: Vec<String>) -> Vec<String> {
     let more = lines.len().saturating_sub(MAX_NAMED_LOST);
     lines.truncate(MAX_NAMED_LOST);

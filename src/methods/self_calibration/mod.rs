@@ -1,6 +1,6 @@
-//! Self-calibration of a rotary axis by Tests 1a, 1b, (1c,) 2 and 3 (paper 1: Zimmermann and
-//! Ibaraki 2020; corrected and extended as in METHODS section 1): axis position, error motion,
-//! radial error of X and Y, and the flank of an uncalibrated round part, all at once.
+//! Self-calibration of a rotary axis by Tests 1a, 1b, (1c,) 2 and 3 (paper 1: Zimmermann and Ibaraki 2020;
+//! corrected and extended as in METHODS section 1). It determines axis position, error motion, radial error of X
+//! and Y, and the flank of an uncalibrated round part at the same time.
 
 mod axis_circle;
 mod axis_position;
@@ -63,10 +63,10 @@ impl SelfCalibration {
         }
     }
 
-    /// The fit alone, for the benchmark of its trials.
+    /// The fit without the estimate, for the benchmark of the trials.
     ///
     /// # Errors
-    /// As `identify`.
+    /// The errors of `identify`.
     pub fn fitted(&self, plan: &Plan, readings: &[Reading]) -> Result<Fitted, IdentifyError> {
         let planner = Planner::new(plan, &self.settings)?;
         let (heights, known) = (planner.heights(), KnownMotions::default());
@@ -82,16 +82,16 @@ impl SelfCalibration {
         Ok(Next::Stage { stage, new_steps })
     }
 
-    /// Touches that no other checks are made once more.
+    /// Steps of touches that no other touch checks. They are repeated.
     fn unchecked(&self, plan: &Plan, planner: &Planner<'_>) -> Result<Vec<u32>, Refused> {
         let known = KnownMotions::new(planner.axis().axis, &plan.priors)?;
         forecast::unchecked(plan, &self.settings, planner, &known)
             .map_err(|error| Refused::new(error.to_string(), error.remedy()))
     }
 
-    /// The artefact where it was located. From one turn of the table to the next it may stand
-    /// elsewhere by twice the offset of the rotary axis, which is what is measured: the touches are
-    /// made for as much as their standoff, and half of that is granted.
+    /// The artefact at its measured position. When the table turns, the artefact may be displaced by twice the
+    /// offset of the rotary axis, which is the quantity to be measured. The touches allow for a displacement of
+    /// their standoff, and half of that is the position uncertainty.
     fn found(&self, plan: &Plan, planner: &Planner<'_>, part: Part) -> Artefact {
         let stated = planner.stated();
         let ball = plan.probe.ball_radius_mm;
@@ -129,7 +129,7 @@ impl Method for SelfCalibration {
         let planner = Planner::new(plan, &self.settings)?;
         let located = usize::from(self.settings.locate);
         if self.settings.locate && done.is_empty() {
-            // Everything that can be refused is refused before the first move.
+            // All refusals come before the first move.
             identify::check_well_posed(plan, &self.settings, &planner)?;
             let new_steps = planner.locating_steps()?;
             let ids = new_steps.iter().map(|step| step.id).collect();
@@ -187,7 +187,7 @@ impl Method for SelfCalibration {
     }
 }
 
-/// Centre and radius of the ball centres from the locating touches.
+/// Centre of the part and radius of the ball centres, from the locating touches.
 fn located_part(plan: &Plan, planner: &Planner<'_>, readings: &[Reading]) -> Result<Part, Refused> {
     let nominal = planner.nominal_part();
     let refused = |why: String| Refused {

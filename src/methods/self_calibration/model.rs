@@ -1,13 +1,13 @@
 //! The measurement equation and its unknowns (paper 1, section 2.3, with the errata of METHODS
 //! section 1).
 //!
-//! A touch with table index c and probe index φ reads the radius (mm, along the ray at φ, ball
-//! centre, machine frame)
+//! A touch with table index c and probe index φ measures the radius (mm, along the ray at φ, ball centre, machine
+//! frame)
 //!
 //! r = R + E(C)·n(φ) + W(φ+C) − E_r(φ) + drift,  n = (cos φ, sin φ),
 //!
-//! with E the displacement of the table (E_XC,total, E_YC,total), W the flank of the part, E_r the
-//! radial error of the linear axes. R holds the ball's radius too.
+//! with E the displacement of the table (E_XC,total, E_YC,total), W the flank of the part, E_r the radial error of
+//! the linear axes. R includes the radius of the ball.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -18,32 +18,31 @@ use machine::Axis;
 /// One reading, reduced to the grid.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
-    /// Id of the step that was read.
+    /// Id of the step of the reading.
     pub step: u32,
     pub height: usize,
     pub c: usize,
     pub phi: usize,
-    /// Ball centre along the ray, mm.
+    /// Position of the ball centre along the ray, mm.
     pub radius: f64,
-    /// Ball centre across the ray (counter-clockwise positive), mm.
+    /// Position of the ball centre across the ray, counter-clockwise positive, mm.
     pub lateral: f64,
-    /// Time, scaled so that the cycle spans −1 … 1; interruptions are left out of it.
+    /// Time, scaled so that the cycle spans −1 … 1 without the interruptions.
     pub time: f64,
 }
 
-/// Where each unknown stands in the vector. Each height has its own R, E, E_r and W; drift is
-/// common to all.
+/// Indices of the unknowns. Each height has its own R, E, E_r and W. The drift is common to all heights.
 #[derive(Debug, Clone)]
 pub struct Layout {
     pub design: Design,
     pub heights: usize,
     pub drift_order: usize,
-    /// When the cycle was interrupted, as `Observation::time`. At each a step is fitted: nobody knows
-    /// what the machine did meanwhile.
+    /// Times of the interruptions, as `Observation::time`. A step is fitted at each, as the motion of the machine
+    /// during an interruption is unknown.
     pub gaps: Vec<f64>,
 }
 
-/// The three things that drift: the table against the spindle in X and Y, and the radius.
+/// The drifting quantities: the table relative to the spindle in X and Y, and the radius.
 pub const DRIFTING: [&str; 3] = ["X", "Y", "radius"];
 
 impl Layout {
@@ -79,20 +78,20 @@ impl Layout {
         self.heights * self.block() + what * self.drift_order + power - 1
     }
 
-    /// The step of one of the drifting things at an interruption.
+    /// Index of the step of one drifting quantity at an interruption.
     pub fn step(&self, what: usize, gap: usize) -> usize {
         let before = self.heights * self.block() + DRIFTING.len() * self.drift_order;
         before + DRIFTING.len() * gap + what
     }
 
-    /// A step of 1 at an interruption, nothing at time zero: values hold at the middle of the cycle, as
-    /// with drift.
+    /// Function with a unit step at an interruption and the value zero at time zero: the results are valid for the
+    /// middle of the cycle, as with drift.
     pub fn stepped(&self, seen: &Observation, gap: usize) -> f64 {
         let after = |time: f64| if time > self.gaps[gap] { 1.0 } else { 0.0 };
         after(seen.time) - after(0.0)
     }
 
-    /// `axis`: the rotary axis that is measured.
+    /// Names of the unknowns. `axis`: the measured rotary axis.
     pub fn names(&self, axis: Axis) -> Vec<String> {
         let mut names = vec![String::new(); self.unknowns()];
         for height in 0..self.heights {
@@ -146,8 +145,8 @@ impl Layout {
         a
     }
 
-    /// The six conventions per height that the cycle cannot replace (paper 1, boundary conditions
-    /// 1–3), as rows of C·x = 0.
+    /// The six gauge conditions per height that the cycle does not determine (paper 1, boundary conditions 1–3), as
+    /// rows of C·x = 0.
     pub fn gauge(&self) -> Mat<f64> {
         let per_height = 6;
         let n = self.design.n;
@@ -179,7 +178,7 @@ impl Layout {
         self.design.n.is_multiple_of(4)
     }
 
-    /// The gauge in words.
+    /// Texts on the gauge.
     pub fn gauge_in_words(&self, axis: Axis) -> Vec<String> {
         let origin = if self.has_quarters() {
             "machine origin: E_radial(0°) = E_radial(180°) and E_radial(90°) = E_radial(-90°)"

@@ -1,4 +1,4 @@
-//! From readings to observations on the grid: the ball centre along and across each ray.
+//! From readings to observations on the grid: positions of the ball centre along and across each ray.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
@@ -17,28 +17,28 @@ use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
 use planning::Clearance;
 
-/// The observations of one cycle and what belongs to all of them.
+/// The observations of one cycle with their common data.
 pub struct Observed {
     pub observations: Vec<Observation>,
     /// Half the duration of the cycle, s: the unit of `Observation::time`.
     pub half_duration_s: f64,
-    /// Whether the readings carry times; otherwise their order and the planned machine time serve.
+    /// Whether the readings have times. If not, their order and the planned machine time are used.
     pub timed: bool,
-    /// Interruptions, as `Observation::time`.
+    /// Times of the interruptions, as `Observation::time`.
     pub gaps: Vec<f64>,
-    /// Readings between interruptions that nothing connects with the rest.
+    /// Number of readings between interruptions that are not connected with the rest.
     pub left_out: usize,
 }
 
-/// How far the table may stand from where the plan puts it, rad (0.1°): more is a skipped index.
+/// Largest deviation of the table from its planned angle, rad (0.1°). A larger one is a skipped index.
 const INDEX_TOLERANCE: f64 = 1.8e-3;
 
-/// The axis that is measured, and what is known of it.
+/// The measured axis and its known properties.
 pub struct ObservedAxis<'a> {
     pub axis: &'a TableAxis,
-    /// Machine frame, mm.
+    /// Heights of the touches, machine frame, mm.
     pub heights: &'a [f64],
-    /// Error motions that are taken out of the observations.
+    /// Error motions that are subtracted from the observations.
     pub known: &'a KnownMotions<'a>,
 }
 
@@ -68,7 +68,7 @@ impl ObservedAxis<'_> {
 }
 
 /// # Errors
-/// Missing and unknown steps, duplicates, a table that stood elsewhere than planned.
+/// Missing or unknown steps, duplicates, or a table at another angle than planned.
 pub fn observe(
     plan: &Plan,
     design: &Design,
@@ -106,7 +106,7 @@ pub fn observe(
     Ok(Observed { observations, half_duration_s, timed, gaps, left_out })
 }
 
-/// Machine time of the plan, s; 5 s a touch where it cannot be planned.
+/// Machine time of the plan, s, or 5 s per touch if it cannot be planned.
 fn planned_duration_s(plan: &Plan) -> f64 {
     Clearance::above(plan)
         .and_then(|clearance| planning::blocks(plan, &clearance))
@@ -142,7 +142,7 @@ fn reduce(
     let name = axis.axis;
     let planned = step.from.at(name);
     let stood = reading.position.get(name).unwrap_or(planned);
-    // A control may count turns differently.
+    // A control may count full turns differently.
     let off = (stood - planned + PI).rem_euclid(TAU) - PI;
     if off.abs() > INDEX_TOLERANCE {
         return Err(IdentifyError::Numerical(format!(
@@ -190,7 +190,7 @@ fn nearest(heights: &[f64], z: f64) -> usize {
     (0..heights.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap_or(0)
 }
 
-/// Times to −1 … 1 about the middle of the cycle; returns half its duration, s.
+/// Scales the times to −1 … 1 around the middle of the cycle. Returns half the duration of the cycle, s.
 fn scale_times(observations: &mut [Observation], gaps: &mut [f64]) -> f64 {
     let times = || observations.iter().map(|seen| seen.time);
     let first = times().fold(f64::INFINITY, f64::min);

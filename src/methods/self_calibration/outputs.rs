@@ -1,12 +1,12 @@
-//! What is reported, as linear combinations of the unknowns: axis position, tilts, scale
-//! difference, squareness, and the functions of angle.
+//! Outputs as linear combinations of the unknowns: axis position, tilts, scale difference, squareness, and the
+//! functions of angle.
 
 use super::model::Layout;
 use crate::identification::{Curve, Output, Outputs};
 use machine::Axis;
 use machine::record::estimate::{FigureKind, Unit};
 
-/// `axis`: the rotary axis that is measured.
+/// All outputs. `axis`: the measured rotary axis.
 pub fn outputs(layout: &Layout, axis: Axis, heights: &[f64], x: &[f64]) -> Outputs {
     let suffix = |height: usize| match heights.len() {
         1 => String::new(),
@@ -92,7 +92,7 @@ fn functions(layout: &Layout, axis: Axis, height: usize, suffix: &str, x: &[f64]
     ]
 }
 
-/// Error motion at the grid angle `i`: the displacement without what the axis position makes of it.
+/// Error motion at the grid angle `i`: the displacement without the effect of the axis position.
 pub fn error_motion(layout: &Layout, height: usize, i: usize, along_y: bool) -> Vec<f64> {
     let (cx, cy) = axis_position(layout, height);
     let (sin, cos) = layout.design.angle(i).sin_cos();
@@ -126,7 +126,7 @@ pub fn axis_position(layout: &Layout, height: usize) -> (Vec<f64>, Vec<f64>) {
     (x, y)
 }
 
-/// W without its mean and first harmonic: the part's form without its set-up error.
+/// W without its mean and first harmonic: the form of the part without its set-up error.
 fn form(layout: &Layout, height: usize, i: usize) -> Vec<f64> {
     let n = layout.design.n;
     let mut coefficients = vec![0.0; layout.unknowns()];

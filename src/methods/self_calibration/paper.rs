@@ -1,7 +1,7 @@
-//! The identification exactly as the paper writes it (paper 1, Eqs. 1–4 with the erratum of
-//! METHODS section 1): 4N differences to the first touch of Test 1a, boundary conditions 1–3, all
-//! differences taken as independent. A gate and a comparison; the product's own estimate starts
-//! from the raw readings, because these differences share one reference.
+//! The identification exactly as the paper describes it (paper 1, Eqs. 1–4 with the erratum of METHODS section 1):
+//! 4N differences to the first touch of Test 1a, boundary conditions 1–3, all differences taken as independent. It
+//! serves as a gate and a comparison. The estimate of `trued` starts from the raw readings, because these
+//! differences share one reference.
 
 use faer::Mat;
 
@@ -11,11 +11,11 @@ use super::model::{Layout, Observation};
 use super::outputs::{axis_position, dot};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
 
-/// The paper's linear system for a design; the paper's own has one probe angle φ_b beside 0.
+/// Linear system of the paper for a design. That of the paper has one probe angle φ_b in addition to 0.
 pub struct PaperForm {
     pub layout: Layout,
     pub touches: Vec<Touch>,
-    /// 4N × 4N: unknowns as in [`Layout`] without R.
+    /// Design matrix, 4N × 4N: unknowns as in [`Layout`] without R.
     pub a: Mat<f64>,
     pub gauge: Mat<f64>,
 }
@@ -28,15 +28,14 @@ impl PaperForm {
         let observations: Vec<Observation> = touches.iter().map(|t| place(*t)).collect();
         let full = layout.matrix(&observations);
         let without_r = layout.unknowns() - 1;
-        // The first touch of the cycle is Test 1a at C = 0: the reference of every difference.
+        // The first touch of the cycle, Test 1a at C = 0, is the reference of every difference.
         let a = Mat::from_fn(full.nrows(), without_r, |i, j| full[(i, j + 1)] - full[(0, j + 1)]);
         let gauge = layout.gauge();
         let gauge = Mat::from_fn(gauge.nrows(), without_r, |i, j| gauge[(i, j + 1)]);
         Self { layout, touches, a, gauge }
     }
 
-    /// Solve for the differences (4N, in the order of `touches`), each of standard uncertainty
-    /// `sigma`.
+    /// Solves for the differences (4N, in the order of `touches`), each with the standard uncertainty `sigma`.
     pub fn solve(&self, differences: &[f64], sigma: f64) -> Result<LinearSolution, LinearError> {
         linear::solve(&LinearProblem {
             a: self.a.as_ref(),
@@ -47,8 +46,8 @@ impl PaperForm {
         })
     }
 
-    /// E_X0C and E_Y0C (mm) in the paper's form, from the first reading at each of its places;
-    /// `None` where one is missing.
+    /// E_X0C and E_Y0C (mm) as in the paper, from the first reading at each of its positions. `None` if one is
+    /// missing.
     pub fn axis_position(&self, seen: &[Observation]) -> Option<[f64; 2]> {
         let radius = |t: &Touch| {
             seen.iter().find(|s| s.height == 0 && s.c == t.c && s.phi == t.phi).map(|s| s.radius)

@@ -7,18 +7,18 @@ use super::table_axis::TableAxis;
 use crate::identification::{Identification, KnownMotions};
 use machine::record::plan::Plan;
 
-/// Everything that the estimate is written from.
+/// The data from which the estimate is written.
 pub struct Parts<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
     pub axis: &'a TableAxis,
-    /// In the machine frame, mm.
+    /// Heights of the touches, machine frame, mm.
     pub heights: Vec<f64>,
     pub known: &'a KnownMotions<'a>,
     pub fit: Fit,
     pub identification: Identification,
     pub sense: Sense,
     pub timed: bool,
-    /// Readings that no step connects with the rest.
+    /// Number of readings that no step connects with the rest.
     pub left_out: usize,
 }

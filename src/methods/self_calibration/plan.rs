@@ -1,4 +1,4 @@
-//! From the design to steps: where the machine goes (paper 1, section 2.2).
+//! From the design to steps with machine positions (paper 1, section 2.2).
 
 use nalgebra::Vector3;
 
@@ -10,28 +10,28 @@ use machine::record::artefact::{Artefact, Cylinder};
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position};
 
-/// Prefix of the labels of the locating touches; they serve no identification.
+/// Prefix of the labels of the locating touches, which are not used for identification.
 pub const LOCATE_LABEL: &str = "locate/";
 
-/// Whether the step touches the top face, which tells nothing of the axis.
+/// Whether the step touches the top face, which does not depend on the axis.
 pub fn touches_top(step: &Step) -> bool {
     step.normal[2] > 0.5
 }
 
-/// What is known of the part: centre with the axis at zero, radius of the ball centres.
+/// Position and size of the part: centre with the axis at zero, radius of the ball centres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Part {
     pub centre: [f64; 2],
-    /// Part radius + ball radius.
+    /// Radius of the part plus radius of the ball.
     pub reach: f64,
     /// Height of the ball centre on the top face.
     pub top: f64,
 }
 
-/// Writes steps for one plan.
+/// Creates the steps of one plan.
 pub struct Planner<'a> {
     plan: &'a Plan,
-    /// Where it stands, the axis at zero.
+    /// The part at its position with the axis at zero.
     stated: Cylinder,
     settings: &'a Settings,
     design: Design,
@@ -40,7 +40,7 @@ pub struct Planner<'a> {
 
 impl<'a> Planner<'a> {
     /// # Errors
-    /// Refuses a machine without an axis to measure and a design that is not well-posed.
+    /// The machine has no axis to measure, or the design is not well-posed.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
         let axis = TableAxis::new(plan, settings)?;
         let stated = axis.standing(cylinder(&plan.artefact)?);
@@ -59,7 +59,7 @@ impl<'a> Planner<'a> {
         &self.axis
     }
 
-    /// The part of the plan where it stands, the axis at zero.
+    /// The part of the plan at its position with the axis at zero.
     pub fn stated(&self) -> &Cylinder {
         &self.stated
     }
@@ -75,8 +75,8 @@ impl<'a> Planner<'a> {
         }
     }
 
-    /// A search touch on top of the part and four round it, wide enough for the stated uncertainty of
-    /// its place. The first three confirm where the machine stands.
+    /// A search touch on the top of the part and four around it, with a length for the stated position uncertainty.
+    /// The first three confirm the position of the machine.
     pub fn locating_steps(&self) -> Result<Vec<Step>, Refused> {
         let uncertainty_mm = self.stated.uncertainty_mm;
         let part = self.nominal_part();
@@ -105,13 +105,13 @@ impl<'a> Planner<'a> {
         top.map(Ok).into_iter().chain(round).collect()
     }
 
-    /// Ball centre on the top face.
+    /// Position of the ball centre on the top face.
     fn on_top(&self, part: Part) -> Vector3<f64> {
         let [x, y] = self.settings.z_reference_at_mm;
         Vector3::new(part.centre[0] + x, part.centre[1] + y, part.top)
     }
 
-    /// The whole cycle at every height, around the part where it really stands.
+    /// The complete cycle at every height, around the part at its measured position.
     pub fn cycle_steps(&self, part: Part) -> Result<Vec<Step>, Refused> {
         let first = self.plan.steps.len();
         let stage = self.plan.steps.last().map_or(0, |step| step.stage + 1);
@@ -201,7 +201,7 @@ impl<'a> Planner<'a> {
         self.step(&spec, axis + radius * normal, normal)
     }
 
-    /// A touch against `normal`, contact expected with the ball centre at `contact`; machine frame, the
+    /// A touch against `normal`, with the ball centre at `contact` at the expected contact: machine frame, with the
     /// axis at zero.
     fn step(
         &self,
@@ -210,14 +210,14 @@ impl<'a> Planner<'a> {
         normal: Vector3<f64>,
     ) -> Result<Step, Refused> {
         let mut orientation = Position::new();
-        // A fixed spindle is not commanded: it keeps the orientation it has.
+        // A fixed spindle is not commanded and keeps its orientation.
         if self.settings.spindle == Spindle::Follow {
             let turn = normal.y.atan2(normal.x).rem_euclid(std::f64::consts::TAU);
             orientation.set(Axis::S, turn);
         }
         let rotary = self.axis.still.updated_by(&orientation);
         let rotary = rotary.with(self.axis.axis, self.command(spec.c)?);
-        // The table turns with its axis; the ray does not.
+        // The table turns with the axis, but the ray does not.
         let place = |out: f64| self.axis.linear_axes_for(contact + out * normal, &orientation);
         let refused = |error: machine::kinematics::KinematicsError| Refused {
             why: format!("{}: {error}", spec.label),
@@ -242,8 +242,8 @@ impl<'a> Planner<'a> {
         })
     }
 
-    /// Command of the axis for a grid index, rad: its sense, and a turn more or less to stay in the
-    /// limits.
+    /// Command of the axis for a grid index, rad: with the sense of the axis, and shifted by a full turn if the
+    /// limits require it.
     fn command(&self, index: usize) -> Result<f64, Refused> {
         let TableAxis { axis, spec, sense, .. } = &self.axis;
         let wanted = self.design.angle(index) * sense;
@@ -282,20 +282,20 @@ struct StepSpec {
     stage: u32,
     kind: StepKind,
     label: String,
-    /// Where the touch starts, outside of the expected contact.
+    /// Distance of the start of the touch from the expected contact, outwards.
     out: f64,
-    /// How far it goes.
+    /// Length of the touch.
     inward: f64,
     /// Index of the table angle.
     c: usize,
     feed_mm_min: f64,
 }
 
-/// Distance from the stated axis along the ray at `phi` to the ball centre in contact, the table
-/// turned by `c`; `None` if the ray misses the part. The part's centre counts from the axis.
+/// Distance from the stated axis along the ray at `phi` to the ball centre in contact, with the table turned by
+/// `c`. `None` if the ray misses the part. The part's centre is relative to the axis.
 fn expected_radius(part: Part, c: f64, phi: f64) -> Option<f64> {
     let [x, y] = part.centre;
-    // The part turns by −c seen in the machine: its centre lies at R(−c)·centre.
+    // In the machine frame the part turns by −c: its centre is at R(−c)·centre.
     let (sin, cos) = (phi + c).sin_cos();
     let (along, across) = (x * cos + y * sin, -x * sin + y * cos);
     let root = part.reach * part.reach - across * across;

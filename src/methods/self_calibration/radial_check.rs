@@ -1,5 +1,5 @@
-//! The radial error of X and Y against the declared sources: no residual contains it, because each of its values is an
-//! unknown.
+//! Test of the radial error of X and Y against the declared sources. No residual contains this error, because each
+//! of its values is an unknown.
 
 use std::f64::consts::TAU;
 
@@ -10,27 +10,27 @@ use super::outputs::dot;
 use super::parts::Parts;
 use estimation::coverage::chi_square_bounds;
 
-/// Probability that χ² stays within its bounds where all is as declared; the upper tail counts.
+/// Probability that χ² is within its two-sided bounds if all sources are as declared. Only the upper bound is used.
 const CREDIBLE: f64 = 0.998;
-/// Eigenvalues of the scaled covariance below this part of the largest are rounding errors.
+/// Ratio to the largest eigenvalue of the scaled covariance below which an eigenvalue is a rounding error.
 const NEGLIGIBLE: f64 = 1e-9;
-/// The second harmonic is scale difference and squareness of X and Y.
+/// Order of the harmonic that is scale difference and squareness of X and Y.
 const PARAMETER_ORDER: usize = 2;
 
-/// Harmonics of E_radial, together.
+/// Combined harmonics of E_radial.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadialHarmonics {
-    /// Root of the sum of squares of the cosine and sine parts, mm.
+    /// Square root of the sum of squares of the cosine and sine parts, mm.
     pub size_mm: f64,
     pub chi2: f64,
-    /// Its mean where all is as declared.
+    /// Expectation of χ² if all sources are as declared.
     pub expected: f64,
-    /// Beyond what the declared sources explain.
+    /// Whether χ² exceeds what the declared sources explain.
     pub above: bool,
 }
 
-/// The second harmonic, which is reported as parameters, and those above it, which no parameter takes. `None`: the
-/// grid has none.
+/// The second harmonic, which is reported as parameters, and the higher ones, which are in no parameter. `None`:
+/// the grid does not have them.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RadialCheck {
     pub second: Option<RadialHarmonics>,
@@ -83,7 +83,8 @@ impl RadialCheck {
     }
 }
 
-/// Coefficients over the unknowns of the cosine and the sine part of a harmonic of E_radial, mean of the heights.
+/// Coefficients over the unknowns of the cosine and the sine part of a harmonic of E_radial, averaged over the
+/// heights.
 fn slopes(layout: &Layout, order: usize) -> Vec<Vec<f64>> {
     let n = layout.design.n;
     let part = |quarter_turns: f64| {
@@ -97,7 +98,7 @@ fn slopes(layout: &Layout, order: usize) -> Vec<Vec<f64>> {
         }
         slope
     };
-    // On an even grid the highest order has no sine.
+    // On an even grid the highest order has no sine part.
     let parts: &[f64] = if 2 * order == n { &[0.0] } else { &[0.0, 0.25] };
     parts.iter().map(|turns| part(*turns)).collect()
 }
@@ -116,7 +117,7 @@ fn harmonics(parts: &Parts<'_>, slopes: &[Vec<f64>]) -> Option<RadialHarmonics> 
     Some(RadialHarmonics { size_mm, chi2, expected: rank as f64, above: chi2 > upper })
 }
 
-/// vᵀ·C⁺·v and the rank of C.
+/// Weighted square vᵀ·C⁺·v of the values v, and the rank of their covariance C.
 fn weighted_square(values: &[f64], covariance: &Mat<f64>) -> Option<(f64, usize)> {
     let eigen = covariance.self_adjoint_eigen(Side::Lower).ok()?;
     let variances = eigen.S().column_vector();

@@ -1,22 +1,21 @@
-//! Whether the axis turns the way the machine file says.
+//! Check of the axis' sense of rotation against the machine file.
 
 use super::fit::Fit;
 use super::model::{Layout, Observation};
 use super::outputs::{dot, error_motion};
 
-/// Whether the readings confirm the stated sense of the axis.
+/// Result of the check of the stated sense of the axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Sense {
     Confirmed,
-    /// Either sense explains the readings: the part is too round and centred, or the design too
-    /// sparse.
+    /// Both senses explain the readings: the part is too round and centred, or the design has too few touches.
     NotConfirmed,
     /// The opposite sense explains the readings far better.
     Contradicted,
 }
 
-/// Solve with the opposite sense as well. Under the wrong one an eccentric part looks like an
-/// error motion of twice its eccentricity; under the right one the error motion is small.
+/// Solves with the opposite sense as well. With the wrong sense an eccentric part appears as an error motion of
+/// twice its eccentricity. With the correct one the error motion is small.
 pub fn judge(fit: &Fit) -> Sense {
     let n = fit.layout.design.n;
     let turned: Vec<Observation> =
@@ -26,7 +25,7 @@ pub fn judge(fit: &Fit) -> Sense {
     };
     let stated = error_motion_rms(&fit.layout, &fit.x);
     let opposite = error_motion_rms(&fit.layout, &other.x);
-    // A factor of five is far beyond what scatter does to either figure.
+    // Scatter does not change the ratio of the two values by a factor of five.
     if opposite > 5.0 * stated {
         Sense::Confirmed
     } else if stated > 5.0 * opposite {

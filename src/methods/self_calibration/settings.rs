@@ -6,14 +6,14 @@ use crate::Refused;
 use machine::Position;
 use machine::record::artefact::Cylinder;
 
-/// What the spindle does while the probe goes round the part.
+/// Orientation of the spindle while the probe moves around the part.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Spindle {
-    /// It keeps its orientation: stylus offset and lobing stand in the budget.
+    /// The spindle keeps its orientation. Stylus offset and lobing are in the budget.
     #[default]
     Fixed,
-    /// It turns with the probe angle, so that the same point of the stylus always touches.
+    /// The spindle turns with the probe angle, so that the same point of the stylus always touches.
     Follow,
 }
 
@@ -22,37 +22,38 @@ pub enum Spindle {
 pub struct Settings {
     /// Number N of equispaced angles.
     pub positions: usize,
-    /// Where the probe stands in Tests 1a, 1b, 1c…: multiples of 360°/N, the first 0. Absent:
-    /// `[0, 360/N, 90]` where 90° is a multiple, else `[0, 360/N]`.
+    /// Probe angles of Tests 1a, 1b, 1c…: multiples of 360°/N, the first is 0. Absent: `[0, 360/N, 90]` if 90° is a
+    /// multiple, otherwise `[0, 360/N]`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probe_angles_deg: Option<Vec<f64>>,
-    /// Heights of the touches above the foot of the part. Empty: half the part's height. Two or
-    /// more heights give the tilts E_A0C and E_B0C.
+    /// Heights of the touches above the foot of the part. Empty: half the part's height. Two or more heights also
+    /// give the tilts E_A0C and E_B0C.
     pub heights_mm: Vec<f64>,
     pub spindle: Spindle,
-    /// Where the other rotary axes are during the cycle, degrees; those not named are at 0. The axis of
-    /// the table that is along Z there is measured.
+    /// Positions of the other rotary axes during the cycle, degrees, 0 for axes that are not named. The measured
+    /// axis is the one of the table that is along Z there.
     #[serde(skip_serializing_if = "Position::is_empty")]
     pub at: Position,
-    /// Find the part first, by four slow touches.
+    /// Whether to locate the part first, by four slow touches.
     pub locate: bool,
-    /// Touch the part at 0°, 90° and 180° between the tests, to see drift.
+    /// Whether to touch the part at 0°, 90° and 180° between the tests, to measure drift.
     pub references: bool,
-    /// Touch the top face of the part with each round of references, to see whether Z stands.
+    /// Whether to touch the top face of the part with each round of references, to measure drift of Z.
     pub z_reference: bool,
-    /// Where on the top face, from the part's axis in X and Y with the axis at 0, mm: beside a bore, say.
+    /// Position of the touch on the top face relative to the part's axis in X and Y with the axis at 0, mm. Set it
+    /// if the part has a bore, for example.
     pub z_reference_at_mm: [f64; 2],
-    /// Order of the drift polynomial in X, Y and radius; 0 fits none.
+    /// Order of the drift polynomial in X, Y and radius. 0: no drift is fitted.
     pub drift_order: usize,
-    /// Correct for the touches being off the radial line (METHODS section 1, second order).
+    /// Whether to correct for touches off the radial line (METHODS section 1, second order).
     pub second_order: bool,
-    /// How many times the whole cycle is measured.
+    /// Number of passes of the complete cycle.
     pub repeats: u32,
-    /// Clear distance before the expected contact.
+    /// Clearance before the expected contact.
     pub standoff_mm: f64,
-    /// How far beyond the expected contact a touch may go.
+    /// Overtravel of a touch beyond the expected contact.
     pub search_mm: f64,
-    /// Trials of the Monte Carlo propagation; 0 lets JCGM 101, 7.9 decide.
+    /// Number of Monte Carlo trials. 0: adaptive as in JCGM 101, 7.9.
     pub monte_carlo_trials: usize,
 }
 
@@ -79,16 +80,16 @@ impl Default for Settings {
 }
 
 const LEAST_HEIGHT_STEP_MM: f64 = 1.0;
-/// Cosine of one degree.
+/// Minimum cosine of the tilt of an upright axis: one degree.
 pub const UPRIGHT: f64 = 0.99985;
 
 impl Settings {
-    /// Whether the top face of the part is touched at all.
+    /// Whether the top face of the part is touched.
     pub fn touches_top(&self) -> bool {
         self.z_reference && (self.references || self.locate)
     }
 
-    /// What would fail on the way, refused before the first move.
+    /// Rejects settings that would fail during the run.
     pub fn check(&self, part: &Cylinder, ball_radius_mm: f64) -> Result<(), Refused> {
         self.check_reach(part)?;
         self.check_heights(part, ball_radius_mm)?;
@@ -100,7 +101,7 @@ impl Settings {
         Refused::check_trials(self.monte_carlo_trials)
     }
 
-    /// Whether the touches reach the part, wherever it stands.
+    /// Checks that the touches reach the part at every position within its uncertainty.
     fn check_reach(&self, part: &Cylinder) -> Result<(), Refused> {
         let Cylinder { uncertainty_mm, axis, radius_mm, .. } = part;
         must(

@@ -1,4 +1,4 @@
-//! Sources of uncertainty as they act on the radii, mm (METHODS sections 1 and 6).
+//! Sources of uncertainty and their effects on the radii, mm (METHODS sections 1 and 6).
 
 use nalgebra::Vector3;
 
@@ -15,7 +15,7 @@ use machine::Axis;
 use machine::kinematics::{ErrorParameter, Shape};
 use machine::record::plan::Plan;
 
-/// All sources, the touches' own scatter first. `heights`: of the touches, machine frame, mm.
+/// All sources, with the scatter of the touches first. `heights`: heights of the touches, machine frame, mm.
 pub fn sources(
     plan: &Plan,
     layout: &Layout,
@@ -50,7 +50,7 @@ pub fn sources(
     list
 }
 
-/// A normal source of joint draws without which χ² is judged.
+/// A normal source of joint draws that does not contribute to the expectation of χ².
 fn absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
     UncertaintySource {
         in_residuals: InResiduals::Absent,
@@ -59,9 +59,9 @@ fn absent_in_residuals(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource 
     }
 }
 
-/// Error motions of the axis that is measured: the uncertainty of those that are known, and the declared ones at
-/// orders that are multiples of N, which no grid of N angles tells from the location of the axis (METHODS
-/// section 1): all of the declared motion where its orders are not known. All others are what is measured.
+/// Error motions of the measured axis: the uncertainty of the known ones, and the declared ones at orders that are
+/// multiples of N. No grid of N angles separates these orders from the location of the axis (METHODS section 1). If
+/// the declared motion has no orders, all of it counts. All other error motions are measured.
 pub fn rotary_axis(
     plan: &Plan,
     layout: &Layout,
@@ -90,7 +90,7 @@ pub fn rotary_axis(
     list
 }
 
-/// Offset of the stylus from its stated position. With a following spindle it changes R alone.
+/// Offset of the stylus from its stated position. If the spindle follows the probe angle, it changes only R.
 fn stylus_offset(plan: &Plan, normals: &[Vector3<f64>], spindle: Spindle) -> Vec<Vec<f64>> {
     let u = stylus_offset_mm(plan);
     match spindle {
@@ -99,7 +99,7 @@ fn stylus_offset(plan: &Plan, normals: &[Vector3<f64>], spindle: Spindle) -> Vec
     }
 }
 
-/// Direction-dependent pre-travel. With a following spindle it changes R alone.
+/// Direction-dependent pre-travel. If the spindle follows the probe angle, it changes only R.
 fn lobing(plan: &Plan, normals: &[Vector3<f64>], spindle: Spindle) -> Vec<Vec<f64>> {
     match spindle {
         Spindle::Follow => vec![vec![plan.probe.lobing_um * 1e-3; normals.len()]],
@@ -121,13 +121,13 @@ fn drift(
     vec![column(|n| n.x), column(|n| n.y), column(|_| 1.0)]
 }
 
-/// Each axis lags behind the direction of the touch, which is against the ray.
+/// Backlash: each axis lags behind in the direction of the touch, which is opposite to the ray.
 fn backlash(plan: &Plan, normals: &[Vector3<f64>]) -> Vec<Vec<f64>> {
     let half = half_backlash_mm(plan);
     [0, 1].map(|k| normals.iter().map(|n| -half[k] * n[k].abs()).collect()).into()
 }
 
-/// Of the touches from the axis at the mean height, at which its location is reported.
+/// Contact points relative to the axis at the mean height, where its location is reported.
 fn points(seen: &[Observation], normals: &[Vector3<f64>], heights: &[f64]) -> Vec<Vector3<f64>> {
     let mean = heights.iter().sum::<f64>() / heights.len() as f64;
     let point = |(s, n): (&Observation, &Vector3<f64>)| {
@@ -136,8 +136,8 @@ fn points(seen: &[Observation], normals: &[Vector3<f64>], heights: &[f64]) -> Ve
     seen.iter().zip(normals).map(point).collect()
 }
 
-/// Rotations of X, Y and Z about the mean height: at it they are in what is declared of straightness. A rotation about
-/// Z is across the ray.
+/// Angular error motions of X, Y and Z about the mean height. At this height they are included in the declared
+/// straightness. A rotation about Z acts across the ray.
 fn angular_motions(
     plan: &Plan,
     seen: &[Observation],
@@ -158,7 +158,7 @@ fn angular_motions(
     patterns.iter().map(column).collect()
 }
 
-/// Positioning and straightness errors of X, Y and Z, along the ray. Those of Z count from the mean height.
+/// Positioning and straightness errors of X, Y and Z along the ray. Those of Z are relative to the mean height.
 fn linear_axes(
     plan: &Plan,
     seen: &[Observation],
@@ -173,9 +173,9 @@ fn linear_axes(
     patterns.iter().flat_map(|pattern| [0, 1].map(|k| along_ray(pattern, k))).collect()
 }
 
-/// The references are touched with the axis at 0. They show a step during an interruption, but not whether the
-/// table moved, which is what is fitted, or the part on it, which turns with the axis. Any share is taken as
-/// equally likely. `x`: the solution with its steps.
+/// Steps in interruptions. The references are touched with the axis at 0. They measure a step, but not whether the
+/// table moved, as the fit assumes, or the part on the table, which turns with the axis. All shares are equally
+/// likely. `x`: the solution with its steps.
 pub fn interruptions(layout: &Layout, seen: &[Observation], x: &[f64]) -> UncertaintySource {
     let column = |gap: usize, k: usize| {
         let step = x[layout.step(k, gap)] / 3f64.sqrt();

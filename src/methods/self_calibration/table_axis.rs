@@ -1,5 +1,5 @@
-//! The rotary axis that is measured, and the frame in which its readings are reduced: the machine frame,
-//! linear axes that carry the workpiece at zero. Rays go through the stated axis.
+//! The measured rotary axis, and the frame in which its readings are reduced: the machine frame with the linear
+//! axes that carry the workpiece at zero. The rays pass through the stated axis.
 
 use nalgebra::Vector3;
 
@@ -17,25 +17,24 @@ use machine::{Axis, Position};
 pub struct TableAxis {
     pub axis: Axis,
     pub spec: AxisSpec,
-    /// 1 where a positive command turns the table clockwise seen from +Z, otherwise −1.
+    /// 1 if a positive command turns the table clockwise seen from +Z, otherwise −1.
     pub sense: f64,
-    /// All rotary axes but S as the cycle commands them, this one at zero.
+    /// Positions of all rotary axes except S during the cycle, with the measured axis at zero.
     pub still: Position,
     line: AxisLine,
     chain: Chain,
     tip: Point<Spindle>,
-    /// Of the table while all stands `still`.
+    /// Pose of the table with all rotary axes at `still`.
     table: Pose,
 }
 
 impl TableAxis {
     /// # Errors
-    /// No axis of the table along Z at the position that the settings name; a position that the machine
-    /// cannot have.
+    /// No axis of the table is along Z at the configured positions, or a position is not possible on this machine.
     pub fn new(plan: &Plan, settings: &Settings) -> Result<Self, Refused> {
         let chain = Chain::new(&plan.machine)?;
         let still = still(plan, &settings.at)?;
-        // The axis next to the workpiece first.
+        // The search starts with the axis next to the workpiece.
         let mut carriers = chain.topology().workpiece().iter().rev().copied();
         let found = carriers.find_map(|axis| {
             let line = chain.axis_line(axis, &still).filter(is_upright)?;
@@ -64,24 +63,24 @@ impl TableAxis {
         })
     }
 
-    /// `A at 90°`: the other rotary axes that are not at 0. Empty where all are.
+    /// The other rotary axes that are not at 0, such as `A at 90°`. Empty if all are at 0.
     pub fn others_in_words(&self) -> String {
         in_words(&self.still.only(|axis| self.still.at(axis) != 0.0), self.axis)
     }
 
-    /// The point of the stated axis at the height `z`.
+    /// Point of the stated axis at the height `z`.
     pub fn at_height(&self, z: f64) -> Vector3<f64> {
         let AxisLine { point, direction, .. } = self.line;
         let along = (z - point.z) / direction.z;
         Vector3::new(point.x + along * direction.x, point.y + along * direction.y, z)
     }
 
-    /// `point_mm` of the axis if it stands off the stated one by `off`.
+    /// `point_mm` of an axis that is displaced from the stated one by `off`.
     pub fn point_mm(&self, off: Vector3<f64>) -> Vector3<f64> {
         Vector3::from(self.spec.point_mm) + self.line.carrier.rotation.inverse() * off
     }
 
-    /// X, Y, Z that bring the ball's centre to `centre`; `orientation` names S where the spindle turns.
+    /// Positions X, Y, Z at which the ball's centre is at `centre`. `orientation` contains S if the spindle turns.
     pub fn linear_axes_for(
         &self,
         centre: Vector3<f64>,
@@ -94,7 +93,7 @@ impl TableAxis {
         Ok(linear.only(Axis::is_linear))
     }
 
-    /// Ball centre of a reading as if the axis stood at zero, mm: what the linear axes alone say.
+    /// Ball centre of a reading by the linear axes alone, with the measured axis at zero, mm.
     pub fn ball_centre(&self, step: &Step, reading: &Reading) -> Vector3<f64> {
         let position = step.from.updated_by(&reading.position);
         let position = position.updated_by(&Position::new().with(self.axis, 0.0));
@@ -102,7 +101,7 @@ impl TableAxis {
         self.table.transform_point(&on_table.into()).coords
     }
 
-    /// The same without the displacement of the table by error motions of this axis that are `known`.
+    /// The ball centre without the displacement of the table by the `known` error motions of this axis.
     pub fn corrected_ball_centre(
         &self,
         step: &Step,
@@ -119,9 +118,9 @@ impl TableAxis {
         self.chain.machine_from_table(&turned, &[]).transform_point(&on_table.into()).coords
     }
 
-    /// Derivative of the radius of a touch, with the error motion of this axis along or about `component`
-    /// taken out, by that motion: mm per mm or rad. `centre` of the ball, `normal`: outward unit vector,
-    /// machine frame.
+    /// Derivative of the radius of a touch by the error motion of this axis along or about `component`, if this
+    /// motion is subtracted: mm per mm or rad. `centre`: centre of the ball. `normal`: outward unit vector, machine
+    /// frame.
     pub fn radius_by_motion(
         &self,
         component: Axis,
@@ -135,12 +134,12 @@ impl TableAxis {
         }
     }
 
-    /// A part of the table frame, where it stands.
+    /// Converts a part from the table frame to the machine frame.
     pub fn standing(&self, part: &Cylinder) -> Cylinder {
         moved(part, &self.table)
     }
 
-    /// The same part in the table frame.
+    /// Converts a part from the machine frame to the table frame.
     pub fn on_table(&self, standing: &Cylinder) -> Cylinder {
         moved(standing, &self.table.inverse())
     }
@@ -154,7 +153,7 @@ fn moved(part: &Cylinder, by: &Pose) -> Cylinder {
     }
 }
 
-/// All rotary axes but S: where the settings want them, otherwise at zero.
+/// Positions of all rotary axes except S: as configured, otherwise zero.
 fn still(plan: &Plan, at: &Position) -> Result<Position, Refused> {
     let turns = |axis: Axis| !axis.is_linear() && axis != Axis::S;
     for (axis, value) in at.iter() {
@@ -209,7 +208,7 @@ fn none_upright(plan: &Plan, chain: &Chain, still: &Position) -> Refused {
     }
 }
 
-/// `A at 90°, B at 0°`, without `except`.
+/// Text such as `A at 90°, B at 0°`, without the axis `except`.
 fn in_words(position: &Position, except: Axis) -> String {
     let others = position.iter().filter(|(axis, _)| *axis != except);
     let words = others.map(|(axis, value)| format!("{axis} at {}°", axis.to_edge(value)));

@@ -1,5 +1,4 @@
-//! Gate G1 (METHODS section 1), against paper 1's tables and against exact geometry that shares
-//! nothing with the model.
+//! Gate G1 (METHODS section 1), with paper 1's tables and with exact geometry that is independent of the model.
 
 use std::f64::consts::TAU;
 
@@ -33,7 +32,7 @@ fn paper_design(n: usize, k_b: usize) -> PaperForm {
     PaperForm::new(&Design { n, probes: vec![0, k_b] })
 }
 
-/// Greatest standard uncertainty of any unknown for unit differences.
+/// Largest standard uncertainty of any unknown for unit differences.
 fn worst_sigma(form: &PaperForm) -> f64 {
     let solution = form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
     let variance = &solution.covariance;
@@ -80,7 +79,7 @@ fn regress_45_degrees_works_for_8_positions_only() {
     }
 }
 
-/// Standard deviations of the unknowns by trials, for differences of unit uncertainty.
+/// Standard deviations of the unknowns from Monte Carlo trials, for differences of unit uncertainty.
 fn standard_deviations(form: &PaperForm, trials: usize) -> Vec<f64> {
     let LinearSolution { x, gain, rank, condition, dof, .. } =
         form.solve(&vec![0.0; form.touches.len()], 1.0).unwrap();
@@ -100,7 +99,7 @@ fn standard_deviations(form: &PaperForm, trials: usize) -> Vec<f64> {
     identify(&solution, &[source], outputs, Some(plan)).unwrap().trials.unwrap().standard_deviation
 }
 
-/// Paper 1, Table 5; W(180°) is the one exception that METHODS lists (1.63 against 1.94).
+/// Paper 1, Table 5. W(180°) is the one exception that METHODS lists (1.63 against 1.94).
 #[test]
 fn paper_table_5_uncertainties() {
     let form = paper_design(8, 1);
@@ -154,7 +153,7 @@ fn regress_a_third_probe_angle_tames_the_noise() {
     }
 }
 
-/// Any E, E_r, W that keep the gauge come back from the equation itself.
+/// Any E, E_r, W that satisfy the gauge are recovered from the equation itself.
 #[test]
 fn regress_noise_free_linear_recovery() {
     let form = paper_design(8, 1);
@@ -172,8 +171,8 @@ fn regress_noise_free_linear_recovery() {
     assert!(worst < 1e-9, "{worst}");
 }
 
-/// Exact contact of a ball, led along the ray at φ through the machine's origin, with a round part
-/// standing off-centre on a table whose true axis stands at c: an intersection of line and circle.
+/// Exact contact of a ball, moved along the ray at φ through the machine's origin, with an off-centre round part on
+/// a table whose true axis is at c: an intersection of line and circle.
 struct RoundPart {
     reach: f64,
     /// Centre at C = 0.
@@ -234,8 +233,8 @@ fn regress_second_order_correction_on_exact_geometry() {
     assert!(worst[0] > 1e-3, "the test must need the correction: {} mm", worst[0]);
 }
 
-/// The pattern of paper 1, Table 9: the machine's origin shifted by ±20 um, the centre comes back
-/// as c0 − shift.
+/// The pattern of paper 1, Table 9: with the machine's origin shifted by ±20 um, the estimated centre is c0 −
+/// shift.
 #[test]
 fn gate_g1_shifted_origins() {
     let axis = [0.003, 0.005];
@@ -253,8 +252,8 @@ fn gate_g1_shifted_origins() {
     }
 }
 
-/// Paper 1, Table 6, the Gauss circle for c = (3, 5.1) um: U = 3.10 um of EY0C at k = 2. EX0C is the exception: the
-/// paper prints 3.68 um, METHODS finds 2.93 um.
+/// Paper 1, Table 6: the Gauss circle for c = (3, 5.1) um has U = 3.10 um for EY0C at k = 2. EX0C is the exception:
+/// the paper prints 3.68 um, METHODS finds 2.93 um.
 #[test]
 fn paper_table_6_circle_centre() {
     let form = paper_design(8, 1);
@@ -292,7 +291,7 @@ fn paper_table_6_circle_centre() {
 
 #[test]
 fn regress_drift_needs_references_only_where_it_says_so() {
-    // Random drift in X, Y and radius is taken out exactly when it is linear in time.
+    // Random drift in X, Y and radius is removed exactly if it is linear in time.
     let design = Design { n: 8, probes: vec![0, 1, 2] };
     let part = RoundPart { reach: 48.0, centre: [0.3, 0.2], axis: [0.02, -0.01] };
     let touches = design.cycle(true);

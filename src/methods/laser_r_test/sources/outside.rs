@@ -1,5 +1,5 @@
-//! What no unknown of the model takes, by the magnitude that is declared: squareness of X, Y and Z, the
-//! sphere's form, what the sensor says of a surface that leans.
+//! Sources that no unknown of the model absorbs, with declared magnitudes: squareness of X, Y and Z, form of the
+//! sphere, error of the sensor on an inclined surface.
 
 use nalgebra::Vector3;
 
@@ -7,7 +7,7 @@ use super::{DwellPoints, unjudged};
 use crate::identification::{Effect, UncertaintySource};
 
 impl DwellPoints<'_> {
-    /// Axes that are not square: X follows Y and Z, Y follows Z, in proportion.
+    /// Squareness errors: X moves in proportion to Y and Z, Y in proportion to Z.
     pub(super) fn squareness(&self) -> UncertaintySource {
         const PAIRS: [(usize, usize); 3] = [(0, 1), (0, 2), (1, 2)];
         let sigma = self.bench.plan.machine.squareness_urad * 1e-6;
@@ -21,7 +21,7 @@ impl DwellPoints<'_> {
         UncertaintySource::new("squareness of X, Y and Z", Effect::Joint(PAIRS.map(column).into()))
     }
 
-    /// An oval that turns with the table: the radius along a unit vector u is longer by uᵀ·S·u, S
+    /// Second-degree form error that turns with the table: the radius along a unit vector u changes by uᵀ·S·u, S
     /// symmetric and without trace, of the declared standard deviation along every u.
     pub(super) fn form(&self) -> UncertaintySource {
         let sigma = self.bench.settings.form_u_um * 1e-3;
@@ -31,26 +31,27 @@ impl DwellPoints<'_> {
         let outward: Vec<Vector3<f64>> = outward.collect();
         let over =
             |of: &dyn Fn(&Vector3<f64>) -> f64| outward.iter().map(|u| sigma * of(u)).collect();
-        // Variances 1 on and 1/2 off the diagonal, less the trace: 2/3 is left along every u.
+        // Variances 1 on the diagonal and 1/2 off it, less the trace: the variance along every u is 2/3.
         let own = |k: usize| over(&move |u| 1.5f64.sqrt() * (u[k] * u[k] - 1.0 / 3.0));
         let mixed = |i: usize, j: usize| over(&move |u| 3f64.sqrt() * u[i] * u[j]);
         let columns = [own(0), own(1), own(2), mixed(0, 1), mixed(0, 2), mixed(1, 2)];
         UncertaintySource::new("form of the sphere", Effect::Joint(columns.into()))
     }
 
-    /// What a surface that does not face the beam adds to a reading: as the squared tangent of its lean,
-    /// and as the tangent along two directions across, each of the declared standard deviation at 45°.
+    /// Reading error on a surface that is inclined to the beam: one part proportional to the squared tangent of the
+    /// inclination, two proportional to the tangent along two perpendicular directions. Each has the declared
+    /// standard deviation at 45°.
     pub(super) fn incidence(&self) -> UncertaintySource {
         let name = "lean of the surface";
         let sigma = self.bench.sensor.incidence_um * 1e-3;
-        // A touch goes all round: there the tangent has no end.
+        // Touches surround the sphere, where the tangent is not bounded.
         if sigma == 0.0 || self.bench.touches() {
             return unjudged(name, Effect::Joint(Vec::new()));
         }
         let frame = self.grouped.centres.frame;
         let leans = self.grouped.centres.rows.iter().zip(&self.normals).map(|(row, normal)| {
             let n = (row.spindle * frame).transpose() * normal;
-            // Facing the beam n is (0, 0, −1).
+            // If the surface faces the beam, n is (0, 0, −1).
             [n.x / -n.z, n.y / -n.z]
         });
         let leans: Vec<[f64; 2]> = leans.collect();

@@ -1,5 +1,5 @@
-//! Continuous scans of the test's own world: the axes ramp, lose motion where they turn round, and the
-//! sensor is late.
+//! Continuous scans in an independent simulation: the axes accelerate, have lost motion at reversals, and the
+//! sensor has a latency.
 
 use std::collections::BTreeMap;
 
@@ -23,7 +23,7 @@ use machine::record::plan::{Sampling, Step};
 use machine::record::reading::Reading;
 use testing::population::{population, ratio_bounds};
 
-/// Samples are rarer than usual, so that the tests stay quick.
+/// A lower sampling rate than usual keeps the tests fast.
 fn flowing() -> Settings {
     Settings { sampling: Sampled::Continuous, rate_hz: 250.0, ..settings() }
 }
@@ -55,7 +55,7 @@ fn crosses_are_walked_forward_and_back_and_the_references_stand() {
     let of_latency = plan.steps.iter().filter(|step| step.label.starts_with("latency"));
     let feeds: Vec<f64> = of_latency.map(|step| step.feed_mm_min).collect();
     assert_eq!(feeds, [600.0, 1800.0]);
-    // Each way is gone both ways.
+    // Each section is traversed in both directions.
     let scan = plan.steps[1].scan.as_ref().unwrap();
     let xyz: Vec<Vector3<f64>> = scan.path.iter().map(Position::xyz).collect();
     let ways: Vec<Vector3<f64>> = xyz.windows(2).map(|pair| pair[1] - pair[0]).collect();
@@ -81,8 +81,8 @@ fn latency_and_reversal_come_back_without_noise() {
     assert!(said.contains("3.300 ms"), "{said}");
 }
 
-/// Dwell references stand beside the continuous poses, and have lost motion that nobody knows: used for the
-/// errors they would bring EC0B 0.7 µrad off.
+/// The dwell references between the continuous poses have unknown lost motion. If they were used for the errors,
+/// EC0B would be wrong by 0.7 µrad.
 #[test]
 fn table_5_comes_back_without_noise() {
     let estimate = estimated(&late(0.0, 1), &flowing());
@@ -92,8 +92,7 @@ fn table_5_comes_back_without_noise() {
     }
 }
 
-/// Without noise, and one thing wrong at a time: the latency has its own sign, and lost motion is not
-/// taken for it.
+/// Without noise, one error at a time: the latency has the right sign, and lost motion is not reported as latency.
 #[test]
 fn a_latency_is_not_lost_motion_and_has_its_sign() {
     let of = |latency_s: f64, gap_mm: f64| {
@@ -108,7 +107,8 @@ fn a_latency_is_not_lost_motion_and_has_its_sign() {
     }
 }
 
-/// More than an axis trembles: a sample just behind the one at a turning point is not taken for it.
+/// The lost motion exceeds the axis jitter: a sample just behind a turning point is not mistaken for the turning
+/// point.
 #[test]
 fn lost_motion_alone_is_found() {
     let world = World { gap_mm: 6e-3, ..table_5(0.0, 1) };
@@ -148,7 +148,7 @@ fn regress_latency_and_errors_scatter_as_predicted() {
     }
 }
 
-/// The same readings, each at the place stamped with it: what the correction is for.
+/// The same readings, each at the position stamped with it. The deviation shows the effect of the correction.
 #[test]
 fn uncorrected_scans_are_visibly_wrong() {
     let world = World { latency_s: 20e-3, ..table_5(0.0, 1) };
@@ -169,8 +169,7 @@ fn uncorrected_scans_are_visibly_wrong() {
     assert!(with < 0.1 && without > 10.0, "{with} {without}");
 }
 
-/// A run of which only those readings are kept that `keep` says so of, by the step and the time since it
-/// began.
+/// Identifies a run from those readings that `keep` accepts, by the step and the time since the start of the step.
 fn identified(keep: impl Fn(&Step, f64) -> bool) -> Result<Estimate, IdentifyError> {
     let own = flowing();
     let (plan, _, mut readings) = run(ideal(0.5), &own, &late(0.5, 1), 9).unwrap();
@@ -184,13 +183,13 @@ fn identified(keep: impl Fn(&Step, f64) -> bool) -> Result<Estimate, IdentifyErr
     identify(&bench, &readings)
 }
 
-/// When the machine arrives at each point of a step's path.
+/// Arrival times at the points of a step's path.
 fn arrivals(step: &Step) -> Vec<f64> {
     let path = &step.scan.as_ref().unwrap().path;
     (1..=path.len()).map(|n| commanded(&path[..n], step.feed_mm_min, 0.0).1).collect()
 }
 
-/// Whether it is on this way of its path then, from 1.
+/// Whether the time `t` is in the section `number` of the path, counted from 1.
 fn is_way(step: &Step, number: usize, t: f64) -> bool {
     let at = arrivals(step);
     (at[number - 1]..at[number]).contains(&t)
@@ -211,7 +210,7 @@ fn one_feed_or_forward_alone_does_not_tell_latency_from_reversal() {
         );
     };
     check(identified(|step, _| !step.label.starts_with("latency/2")).map(|_| ()).unwrap_err());
-    // Forward alone: of the six ways the second and the fifth go back.
+    // Forward motion alone: of the six sections the second and the fifth go backward.
     let forward =
         |step: &Step, t: f64| !is_latency(step) || !(is_way(step, 2, t) || is_way(step, 5, t));
     check(identified(forward).map(|_| ()).unwrap_err());

@@ -17,7 +17,7 @@ use machine::{Axis, Position};
 use testing::population::{population, ratio_bounds};
 
 pub const FIVE: [&str; 5] = ["EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
-/// Of Table 5, in µrad and µm.
+/// Units of Table 5 per internal unit: µrad per rad, µm per mm.
 pub const EDGE: [f64; 5] = [1e6, 1e6, 1e6, 1e3, 1e6];
 
 fn five(estimate: &Estimate) -> [(f64, f64); 5] {
@@ -27,7 +27,7 @@ fn five(estimate: &Estimate) -> [(f64, f64); 5] {
     })
 }
 
-/// 42 poses of a sphere, sights of unit standard uncertainty `u` mm.
+/// 42 poses of a sphere, each observed with the standard uncertainty `u` mm.
 pub fn problem(
     names: &[&str],
     harmonics: &[u32],
@@ -58,7 +58,7 @@ pub fn problem(
     (Problem { model: Model { chain, parameters }, sights, hold: None }, x)
 }
 
-/// The set that the topology implies is the paper's, and what it gives at 1 µm.
+/// The parameter set that the topology implies is that of the paper, with the uncertainties of METHODS at 1 µm.
 #[test]
 fn gate_g2_five_parameters_with_offset_and_sphere() {
     let (problem, x) = problem(&[], &[], Vector3::new(80.0, 0.0, 60.0), 1e-3);
@@ -75,13 +75,13 @@ fn gate_g2_five_parameters_with_offset_and_sphere() {
     }
 }
 
-/// METHODS' columns are the chain's, but for what offset and sphere position take up.
+/// The columns of METHODS equal those of the chain, except for the part that offset and sphere position absorb.
 #[test]
 fn gate_g2_columns_are_those_of_the_exact_chain() {
     let ball = Vector3::new(80.0, -12.0, 60.0);
     let (problem, x) = problem(&[], &[], ball, 1.0);
     let count = 3 * problem.sights.len();
-    // Both sets side by side, projected away from offset and sphere: the rest must vanish.
+    // Differences of both sets, projected orthogonally to offset and sphere: the remainder must vanish.
     let mut rows = Rows::zeros(count, 0, 6);
     let mut differences = vec![vec![0.0; count]; 5];
     for (i, sight) in problem.sights.iter().enumerate() {
@@ -93,7 +93,7 @@ fn gate_g2_columns_are_those_of_the_exact_chain() {
             rows.set_common(3 * i + k, k, 1.0);
             (0..3).for_each(|j| rows.set_common(3 * i + k, 3 + j, turn[(k, j)]));
             for j in 0..5 {
-                // A sphere that is displaced by d is met where the axes stand by d further.
+                // If the sphere is displaced by d, the axes find it at positions displaced by d.
                 differences[j][3 * i + k] = of_paper[j][k] + (turn * own[j])[k];
             }
         }
@@ -107,7 +107,7 @@ fn gate_g2_columns_are_those_of_the_exact_chain() {
     }
 }
 
-/// The machine's axis positions in the test's own world, by fixed-point steps with its own product.
+/// Axis positions in the independent simulation, by fixed-point iteration with its own matrix product.
 #[test]
 fn the_chain_sees_the_sphere_where_the_paper_s_product_puts_it() {
     let world = World { w: [3e-3, -2e-3, 1e-3, 0.1, 4e-3], ..table_5(0.0, 1) };
@@ -146,7 +146,7 @@ fn paper_table_5_comes_back_without_noise() {
     let world = table_5(0.0, 1);
     let (plan, done, readings) = run(ideal(0.5), &settings(), &world, 9).unwrap();
     assert_eq!(done.len(), 7);
-    // The references see the pose at zero twice more.
+    // The references measure the pose at zero two more times.
     assert_eq!(plan.steps.len(), 1 + 3 + 41 + 2);
     let own = settings();
     let bench = Bench::new(&plan, &own).unwrap();
@@ -157,14 +157,14 @@ fn paper_table_5_comes_back_without_noise() {
         let error = found - TABLE_5[i] * EDGE[i];
         assert!(error.abs() <= 1e-3, "{}: {found} off by {error}", FIVE[i]);
     }
-    // Zero point and sphere come back as well, as the world's B and C meet in the origin.
+    // Zero point and sphere are identified as well, as B and C of the simulation intersect in the origin.
     assert!((parts.problem.model.zero(&parts.minimum.x) - world.zero).norm() < 1e-6);
     assert!((parts.problem.model.ball(&parts.minimum.x) - world.ball).norm() < 1e-6);
 }
 
 #[test]
 fn regress_noise_scatters_as_predicted() {
-    // The scatter of the 30 seeds of METHODS, G2, is itself known to 13 %: more of them judge each parameter.
+    // The scatter of the 30 seeds of METHODS, G2, is known only to 13 %, so more seeds are used for each parameter.
     const FULL: u64 = 400;
     let seeds = population(FULL);
     let (low, high) = ratio_bounds(seeds, FULL, (0.85, 1.15));
@@ -188,7 +188,8 @@ fn regress_noise_scatters_as_predicted() {
     }
 }
 
-/// The paper's own estimator: without noise it is right but for second order, and it stands beside ours.
+/// The paper's own estimator. Without noise its error is only of second order, and it is reported beside the
+/// estimate.
 #[test]
 fn the_papers_own_estimator_comes_near() {
     let (plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.0, 1), 9).unwrap();

@@ -18,8 +18,8 @@ fn second_harmonics_of_b_have_full_rank() {
     assert!((survey.condition - 5.5).abs() < 0.1, "{}", survey.condition);
 }
 
-/// METHODS: two directions are lost with {EA, EC}, four with {EX, EZ} as well. Two of B's first harmonics
-/// are where C lies, the others turn or move the sphere with the table.
+/// METHODS: two directions are not determined with {EA, EC}, four with {EX, EZ} as well. Two of B's first harmonics
+/// equal the location of C. The others rotate or move the sphere with the table.
 #[test]
 fn first_harmonics_have_gauge_directions_that_are_held_and_named() {
     let lost = |motions: &[&str]| {

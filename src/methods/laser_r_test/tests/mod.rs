@@ -1,5 +1,5 @@
-//! What is compared with what: the readings come from `played.rs`, which multiplies rotations and
-//! translations as paper 2 writes them and meets the sphere with a straight ray.
+//! Independent test data: the readings come from `played.rs`, which multiplies rotations and translations as in
+//! paper 2 and intersects the sphere with a straight ray.
 
 mod continuous;
 mod g2;
@@ -17,7 +17,7 @@ use crate::laser_r_test::settings::Settings;
 use machine::record::plan::{PLAN_VERSION, Plan};
 use machine::record::sensor::Sensor;
 
-/// Machine, sensor and sphere of the built-in machine, nothing measured yet.
+/// Plan of the built-in machine with sensor and sphere, without steps.
 pub fn plan() -> Plan {
     let file = include_str!("../../../../config/laser.toml");
     let mut file: toml::Table = file.parse().unwrap();
@@ -43,7 +43,7 @@ pub fn plan() -> Plan {
     }
 }
 
-/// The same without anything that moves but as commanded, and a sensor of this noise.
+/// The same plan on a machine without drift, resolution and error motions, and a sensor with this noise.
 pub fn ideal(noise_um: f64) -> Plan {
     let mut plan = plan();
     plan.machine.drift_um_per_h = 0.0;
@@ -56,7 +56,7 @@ pub fn ideal(noise_um: f64) -> Plan {
     plan
 }
 
-/// Few trials: the tests of Monte Carlo ask for more.
+/// Settings with few trials. The tests of Monte Carlo set more.
 pub fn settings() -> Settings {
     Settings { monte_carlo_trials: 100, ..Settings::default() }
 }

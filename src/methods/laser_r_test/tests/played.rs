@@ -1,5 +1,5 @@
-//! A machine of the test's own: paper 2, Eq. (1) as a product of plain motions, and a beam that is cut
-//! with the sphere.
+//! Independent simulation: paper 2, Eq. (1) as a product of plain motions, and a beam that is intersected with the
+//! sphere.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
@@ -15,24 +15,24 @@ use machine::{Axis, Position};
 /// Paper 2, Table 5: α_BY, β_BY, γ_BY (rad), δx_CB (mm), α_CB (rad).
 pub const TABLE_5: [f64; 5] = [-3.5e-6, -42e-6, -3.5e-6, -1e-3, 5.2e-6];
 
-/// What is true.
+/// True values of the simulated machine.
 #[derive(Debug, Clone)]
 pub struct World {
     pub w: [f64; 5],
-    /// Zero point from the spindle datum, and beam: not as the file says.
+    /// True zero point relative to the spindle datum, and true beam. They differ from the machine file.
     pub zero: Vector3<f64>,
     pub beam: Vector3<f64>,
     pub ball: Vector3<f64>,
     pub radius: f64,
     pub noise_um: f64,
     pub seed: u64,
-    /// What the sensor says at a time it saw so long before.
+    /// Latency of the sensor: its value at time t belongs to the time t − latency.
     pub latency_s: f64,
-    /// Lost motion of X, Y and Z.
+    /// Lost motion of X, Y and Z, mm.
     pub gap_mm: f64,
-    /// What else moves the table (machine frame, mm) at these positions and time.
+    /// Additional displacement of the table (machine frame, mm) at these positions and this time.
     pub shift: fn(&World, &Position, f64) -> Vector3<f64>,
-    /// What the sensor shows beyond the distance.
+    /// Deviation of the reading from the distance.
     pub curve: fn(&World, f64) -> f64,
 }
 
@@ -88,14 +88,14 @@ fn d_x(x: f64) -> Pose {
 }
 
 impl World {
-    /// Eq. (1) without the three parameters that drop out.
+    /// Pose of the table by Eq. (1), without the three parameters that drop out.
     pub fn table(&self, b: f64, c: f64) -> Pose {
         let [alpha, beta, gamma, delta_x, alpha_cb] = self.w;
         let of_b = d_a(alpha) * d_b(beta) * d_c(gamma) * d_b(-b);
         of_b * d_x(delta_x) * d_a(alpha_cb) * d_c(-c)
     }
 
-    /// Distance along the beam, where it meets the sphere first; the table rides on X.
+    /// Distance along the beam to its first intersection with the sphere. X moves the table.
     fn distance(&self, at: &Position, t_s: f64) -> Option<f64> {
         let table = d_x(-at.at(Axis::X)) * self.table(at.at(Axis::B), at.at(Axis::C));
         let centre = table.transform_point(&self.ball.into()).coords + (self.shift)(self, at, t_s);
@@ -106,7 +106,8 @@ impl World {
         (root >= 0.0).then(|| -half - root.sqrt())
     }
 
-    /// Where the stylus ball, its centre at `zero`, meets the sphere on the straight way of a touch.
+    /// Position at which the stylus ball, with its centre at `zero`, meets the sphere on the straight path of a
+    /// touch.
     fn touch(&self, step: &Step, stylus: f64, t_s: f64) -> Position {
         let apart = |at: &Position| {
             let table = d_x(-at.at(Axis::X)) * self.table(at.at(Axis::B), at.at(Axis::C));
@@ -126,7 +127,7 @@ impl World {
         step.from.updated_by(&linear)
     }
 
-    /// Reading of a touch with a stylus ball of this radius.
+    /// Reading of a touch with a stylus ball of radius `stylus`.
     fn touched(&self, step: &Step, stylus: f64, t_s: &mut f64) -> Vec<Reading> {
         *t_s += 4.0;
         vec![Reading {
@@ -175,10 +176,10 @@ impl World {
     }
 }
 
-/// Of the axes of this world, mm/s².
+/// Acceleration of the simulated axes, mm/s².
 const ACCELERATION: f64 = 500.0;
 
-/// How far along a straight way from rest to rest, `t_s` after it began; and how long all of it takes.
+/// Distance along a straight path from rest to rest at `t_s` after its start, and its total duration.
 fn ramped(way: f64, speed: f64, t_s: f64) -> (f64, f64) {
     let speed = speed.min((way * ACCELERATION).sqrt());
     let (rise, whole) = (speed / ACCELERATION, way / speed + speed / ACCELERATION);
@@ -191,7 +192,7 @@ fn ramped(way: f64, speed: f64, t_s: f64) -> (f64, f64) {
     (s, whole)
 }
 
-/// Where the axes are commanded along these points, and when they arrive.
+/// Commanded axis positions along these points, and the arrival time.
 pub fn commanded(path: &[Position], feed_mm_min: f64, t_s: f64) -> (Position, f64) {
     let (mut begins, mut at) = (0.0, path[0].clone());
     for pair in path.windows(2) {
@@ -209,7 +210,7 @@ pub fn commanded(path: &[Position], feed_mm_min: f64, t_s: f64) -> (Position, f6
 }
 
 impl World {
-    /// Where the axes stand once they are commanded to `to`, without a reversal on the way.
+    /// Updates the true axis positions for the command `to`, without a reversal in between.
     fn follow(&self, stands: &mut Position, to: &Position) {
         for axis in Axis::LINEAR {
             let (at, half) = (to.at(axis), self.gap_mm / 2.0);
@@ -217,8 +218,8 @@ impl World {
         }
     }
 
-    /// Without a rest: the stamped positions are the commanded ones; the axes follow as soon as the lost
-    /// motion is used up, and the sensor tells what it saw a latency before.
+    /// Readings of a continuous scan: the stamped positions are the commanded ones, the axes follow once the lost
+    /// motion is taken up, and the sensor reports the value of one latency earlier.
     fn flown(&self, step: &Step, path: &[Position], rate_hz: f64, t_s: &mut f64) -> Vec<Reading> {
         let mut noise = StandardNormal.sample_iter(stream(self.seed, &[u64::from(step.id)]));
         let mut stands = path[0].clone();
@@ -247,7 +248,7 @@ impl World {
     }
 }
 
-/// What a run of the method on this world leaves, `stages` at most.
+/// Plan, stages and readings of a run of the method in this simulation, with `stages` stages at most.
 pub fn run(
     mut plan: Plan,
     settings: &Settings,

@@ -1,4 +1,4 @@
-//! Chase-the-ball feeds the same identification.
+//! Chase-the-ball uses the same identification.
 
 use nalgebra::Vector3;
 
@@ -24,7 +24,7 @@ fn touched(noise_um: f64, seed: u64) -> Estimate {
     identify(&bench, &readings).unwrap()
 }
 
-/// The pre-travel is in the diameter, and the stylus is nowhere near where the file says.
+/// The diameter includes the pre-travel, and the stylus is far from its position in the machine file.
 #[test]
 fn paper_table_5_comes_back_by_touch() {
     let estimate = touched(0.0, 1);
@@ -37,7 +37,7 @@ fn paper_table_5_comes_back_by_touch() {
     }
 }
 
-/// No sensor was there.
+/// The texts must not mention a sensor.
 #[test]
 fn what_a_touch_cannot_know_is_told_in_words_of_a_touch() {
     let estimate = touched(0.5, 1);
@@ -58,7 +58,7 @@ fn regress_touches_scatter_as_predicted() {
             ratio += ((found.value - TABLE_5[i] * EDGE[i]) / found.u).powi(2) / 100.0;
         }
     }
-    // 100 squares, correlated: within about four standard deviations of 1.
+    // 100 correlated squares: within about four standard deviations of 1.
     println!("{ratio}");
     assert!((0.4..=1.7).contains(&ratio), "{ratio}");
 }

@@ -1,4 +1,4 @@
-//! What is refused, in words, and what is counted.
+//! Refusals with their messages, and counts of excluded samples.
 
 use super::played::{run, table_5};
 use super::{ideal, settings};
@@ -74,7 +74,7 @@ fn what_cannot_be_measured_is_refused_before_anything_moves() {
     assert!(stem.why.contains("stem"), "{}", stem.why);
 }
 
-/// A run with its readings made worse by `change`.
+/// Identifies a run whose readings are modified by `change`.
 fn identified(change: impl Fn(&Step, usize, &mut Reading)) -> Result<Estimate, IdentifyError> {
     let (plan, _, mut readings) = run(ideal(0.5), &settings(), &table_5(0.5, 1), 9).unwrap();
     let mut count = 0;
@@ -137,7 +137,7 @@ fn one_height_is_not_enough() {
 
 #[test]
 fn samples_on_one_great_circle_say_nothing_across() {
-    // The first line of every cross alone.
+    // Only the first line of every cross.
     let first_line = |count: usize| count < 13 * 20;
     let error = identified(|_, count, reading| {
         if !first_line(count) {
@@ -153,7 +153,7 @@ fn samples_on_one_great_circle_say_nothing_across() {
 #[test]
 fn samples_beyond_the_incidence_limit_are_left_out_and_counted() {
     let (mut plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.5, 1), 9).unwrap();
-    // The ends of a line stand at 24.8°.
+    // The ends of a line have an incidence of 24.8°.
     plan.sensors[0].incidence_limit_deg = 23.0;
     let own = settings();
     let bench = Bench::new(&plan, &own).unwrap();

@@ -1,4 +1,4 @@
-//! What the budget grants a run that was interrupted is what its references would have let pass.
+//! The budget line of an interruption equals the largest shift that the reference check accepts.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -13,7 +13,7 @@ use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Step, StepKind};
 use machine::record::reading::Reading;
 
 const NOISE_UM: f64 = 0.5;
-/// It rests so long after the first poses.
+/// Duration of the interruption after the first poses.
 const RESTS_S: f64 = 600.0;
 
 struct Stopped {
@@ -34,8 +34,8 @@ impl Stopped {
         Self { plan, before, later }
     }
 
-    /// The reference twice more, of a machine that now stands `by` further; the first time with the noise
-    /// that it had before.
+    /// Repeats the reference twice on a machine displaced by `by`, the first time with the noise of the original
+    /// measurement.
     fn again(&self, by: Vector3<f64>) -> Vec<Reading> {
         let step: &Step =
             self.plan.steps.iter().find(|step| step.kind == StepKind::Reference).unwrap();
@@ -50,13 +50,13 @@ impl Stopped {
         readings
     }
 
-    /// Whether a run would go on.
+    /// Whether the reference check accepts the displacement `by`.
     fn agrees(&self, by: Vector3<f64>) -> bool {
         let (shifts, _) = References::of(&self.plan, &self.before).compare(&self.again(by));
         shifts.len() == 26 && shifts.iter().all(|shift| shift.agrees())
     }
 
-    /// The greatest step along `way` with which it would, mm.
+    /// Largest displacement along `way` that the reference check accepts, mm.
     fn most_mm(&self, way: Vector3<f64>) -> f64 {
         let (mut least, mut most) = (0.0, 0.1);
         while most - least > 1e-6 {
@@ -67,8 +67,8 @@ impl Stopped {
     }
 }
 
-/// How large the source's steps along X, Y and Z are: what one adds at a spot is its part of the normal, and
-/// the squares of the parts are 1 together.
+/// Sizes of the source's steps along X, Y and Z. The contribution at a spot is the component along the normal, and
+/// the squares of the components of a normal sum to 1.
 fn sizes_mm(columns: &[Vec<f64>]) -> Vector3<f64> {
     let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for i in (0..columns[0].len()).filter(|i| columns[2][*i] != 0.0) {
@@ -96,7 +96,7 @@ fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
     for (k, way) in [Vector3::x(), Vector3::y(), Vector3::z()].into_iter().enumerate() {
         let let_pass = stopped.most_mm(way);
         println!("granted {:.3} um, let pass {:.3} um", granted[k] * 1e3, let_pass * 1e3);
-        // The scan's middle is the sphere's to a few µm.
+        // The middle of the scan is that of the sphere to a few µm.
         assert!((granted[k] / let_pass - 1.0).abs() < 0.02, "{k}: {granted:?} {let_pass}");
     }
 }

@@ -1,4 +1,4 @@
-//! The two fits as one observation model.
+//! The two fits combined in one observation model.
 
 use faer::Mat;
 
@@ -9,8 +9,8 @@ use crate::laser_r_test::bench::Bench;
 use crate::laser_r_test::identify::parts;
 use crate::laser_r_test::two_fits::{CentresThenMachine, gain};
 
-/// A change of at most 0.1 µm whose size and sign alternate over the dwell points: the first-order response
-/// is the change of the solution near the readings, sign included.
+/// A change of at most 0.1 µm with alternating size and sign over the dwell points: the first-order response equals
+/// the change of the solution, including its sign.
 #[test]
 fn regress_the_response_has_the_sign_of_the_near_solution() {
     let (plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.5, 1), 9).unwrap();

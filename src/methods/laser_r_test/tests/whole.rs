@@ -1,5 +1,5 @@
-//! All sources that the file declares, drawn in the test's own world: U must cover them. And the 0.2 mm
-//! cube of paper 2, Fig. 8.
+//! All sources that the machine file declares, drawn in the independent simulation: U must cover them. Also the 0.2
+//! mm cube of paper 2, Fig. 8.
 
 use nalgebra::{Rotation3, Vector3};
 use rand_distr::{Distribution, StandardNormal};
@@ -18,20 +18,20 @@ use machine::record::estimate::Estimate;
 use machine::{Axis, Position};
 use testing::population::{count_bound, population};
 
-/// A smooth function of standard deviation 1, less its value at 0, changing over `length`.
+/// A smooth random function of standard deviation 1 and correlation length `length`, less its value at 0.
 fn smooth(seed: u64, key: u64, length: f64, at: f64) -> f64 {
     const WAVES: usize = 24;
     let mut normal = StandardNormal.sample_iter(stream(seed, &[77, key]));
     let mut next = || -> f64 { normal.next().unwrap() };
     let wave = |_| {
-        // A phase of many turns' standard deviation is as good as any.
+        // A phase with a standard deviation of many turns is practically uniform.
         let (rate, phase) = (next() / length, next() * 60.0);
         (rate * at + phase).cos() - phase.cos()
     };
     (0..WAVES).map(wave).sum::<f64>() * (2.0 / WAVES as f64).sqrt()
 }
 
-/// As config/laser.toml declares them.
+/// Displacements as config/laser.toml declares them.
 fn shift(world: &World, at: &Position, t_s: f64) -> Vector3<f64> {
     let um = 1e-3;
     let mut all = Vector3::zeros();
@@ -93,7 +93,7 @@ fn regress_the_declared_uncertainty_covers_what_is_declared() {
     let (low, high) = chi_square_bounds(5.0 * seeds as f64, 0.99).unwrap();
     println!("χ² {sum:.0} of {}, bounds {low:.0} to {high:.0}; above {above}", 5 * seeds);
     assert!((low..=high).contains(&sum), "{sum}");
-    // A misfit is declared at 1 %.
+    // A misfit is declared at the 1 % level.
     assert!(above as u64 <= count_bound(seeds, FULL, (0.01, 3)), "{above} false alarms");
 }
 
@@ -123,7 +123,7 @@ fn regress_monte_carlo_agrees_with_first_order() {
     println!("{:#?}\n{:#?}\n{:#?}", estimate.gauge, estimate.not_identifiable, estimate.warnings);
 }
 
-/// An undeclared second harmonic of B shows in the poses, and is found when it is asked for.
+/// An undeclared second harmonic of B increases the residuals, and is identified if it is requested.
 #[test]
 fn regress_an_error_motion_of_b_is_noticed_and_found() {
     let shift =
@@ -148,8 +148,8 @@ fn regress_an_error_motion_of_b_is_noticed_and_found() {
     assert!((motion.value.abs() - 3.0).abs() < 0.1, "{}", motion.value);
 }
 
-/// Paper 2, Fig. 8: the sensor goes to the corners of a cube of 0.2 mm and scans the sphere from each. The
-/// sphere stands still; where it is found must not depend on the corner. The paper saw 1.4 µm at most.
+/// Paper 2, Fig. 8: the sensor moves to the corners of a cube of 0.2 mm and scans the sphere from each. The sphere
+/// does not move, so its position must not depend on the corner. The paper reports deviations of at most 1.4 µm.
 #[test]
 fn paper_cube_of_fig_8() {
     let own = settings();

@@ -1,5 +1,5 @@
-//! Expanded uncertainties cover the truth: noise alone, with its size from the scatter between
-//! revolutions, and all sources at once.
+//! Expanded uncertainties cover the truth: for noise alone, with its size from the scatter between revolutions, and
+//! for all sources together.
 
 use estimation::revolutions::{HarmonicData, RowRevolutions};
 use std::f64::consts::TAU;
@@ -24,7 +24,7 @@ fn range_of(values: &[f64]) -> f64 {
     largest.unwrap() - least.unwrap()
 }
 
-/// Nothing declared is uncertain.
+/// Settings with all declared values exactly known.
 fn exact() -> Settings {
     Settings {
         sampling: TurnSampling::Continuous,
@@ -39,7 +39,7 @@ fn exact() -> Settings {
 
 const DRIFT_MM: f64 = 0.02e-3;
 
-/// Of the settings; the drift of a revolution, mm.
+/// Source sizes of the settings, with the drift in mm per revolution.
 fn sizes(settings: &Settings, drift_mm_per_revolution: f64) -> SourceSizes<'_> {
     SourceSizes { settings, sensors: None, drift_mm_per_revolution, linearity: Vec::new() }
 }
@@ -49,7 +49,8 @@ fn identified(layout: &ProbeLayout, measured: &[RowRevolutions], sizes: &SourceS
     identify(layout, &data, sizes, None).unwrap()
 }
 
-/// Truth of `EXC_c2` and the like, internal unit; not of a first harmonic, of which a part is eccentricity.
+/// Truth of a parameter such as `EXC_c2`, internal unit. `None` for a first harmonic, as a part of it is
+/// eccentricity.
 fn truth(world: &World, symbol: &str) -> Option<f64> {
     let (name, part) =
         symbol.split_once('_').filter(|(_, part)| part.len() > 2 || !part.ends_with('1'))?;
@@ -69,7 +70,7 @@ fn truth(world: &World, symbol: &str) -> Option<f64> {
 struct Covered {
     inside: usize,
     all: usize,
-    /// Σ of (error/u)².
+    /// Σ (error/u)².
     squares: f64,
 }
 
@@ -95,7 +96,7 @@ impl Covered {
     }
 }
 
-/// Noise of the sensors and an asynchronous motion along X that all radial sensors see together.
+/// Sensor noise, and an asynchronous motion along X that affects all radial sensors together.
 #[test]
 fn regress_coverage_of_noise_and_asynchronous_motion() {
     let layout = layout(3, -1.0);
@@ -186,7 +187,7 @@ impl Drawn {
         Self { layout, gains, drift }
     }
 
-    /// Each revolution drifts anew.
+    /// The drift starts again in each revolution.
     fn measured(&self, world: &World, seed: u64) -> Vec<RowRevolutions> {
         let rows = self.layout.all_rows();
         let mut measured = world.revolutions(
@@ -235,7 +236,7 @@ fn regress_what_turns_with_the_table_is_eccentricity() {
     let value = |symbol: &str| {
         outputs.all_parameters().find(|output| output.symbol == symbol).map(|output| output.value)
     };
-    // The counter-rotating part remains: of x alone, half along X and half along Y.
+    // The counter-rotating part of x alone remains: half of it along X and half along Y.
     let sign = layout.turn;
     let (x, y) = (world.x[0], world.y[0]);
     let counter_rotating = [(x.a - sign * y.b) / 2.0, (x.b + sign * y.a) / 2.0];
@@ -281,12 +282,12 @@ fn regress_trials_give_nonlinear_values_an_uncertainty() {
     assert_eq!(estimate.functions.len(), 7);
 }
 
-/// Every other revolution is displaced by ±0.5 µm along X, every third sample of it alone.
+/// The revolutions are displaced by +0.5 µm and −0.5 µm along X in alternation, at every third sample only.
 #[test]
 fn regress_asynchronous_and_total_values() {
     let layout = layout(4, -1.0);
     let mut world = World::random(2, ORDERS, 2, 0.0);
-    // What turns with the table is no motion.
+    // Motion that turns with the table is not reported as error motion.
     for term in [&mut world.x[0], &mut world.y[0]] {
         (term.a, term.b) = (0.0, 0.0);
     }
@@ -320,7 +321,7 @@ fn regress_asynchronous_and_total_values() {
     assert!((value("EXC_total").value - expected_um).abs() < 1e-6);
 }
 
-/// One mounting: axial motion and form of the face are inseparable, and nothing of EZC is reported.
+/// With one mounting, axial motion and form of the face are inseparable, and EZC is not reported.
 #[test]
 fn regress_multiprobe_alone_reports_four_motions() {
     let layout = layout(1, -1.0);

@@ -2,13 +2,13 @@
 
 use faer::c64;
 
-/// Determinants below this one are zeros.
+/// Determinants below this value count as zero.
 const ZERO_DETERMINANT: f64 = 1e-20;
-/// A harmonic with a smaller determinant is weak: its noise is larger than that of a single sensor.
+/// Determinant below which a harmonic is weak: its noise is larger than that of a single sensor.
 const WEAK_DETERMINANT: f64 = 1.0;
 
-/// φ² + δ² of paper 3, Eq. (10), for the harmonic `order`: infinite for coinciding or opposed second
-/// and third sensors.
+/// φ² + δ² of paper 3, Eq. (10), for the harmonic `order`. It is infinite if the second and third sensor coincide
+/// or are opposed.
 pub fn determinant(angles_deg: [f64; 3], order: usize) -> f64 {
     let [alpha, beta] = [1, 2].map(|i| (angles_deg[i] - angles_deg[0]).to_radians());
     let a = beta.sin() / (alpha - beta).sin();
@@ -17,7 +17,7 @@ pub fn determinant(angles_deg: [f64; 3], order: usize) -> f64 {
     (c64::new(1.0, 0.0) + turn(alpha) * a + turn(beta) * b).norm_sqr()
 }
 
-/// Harmonics of 1..=`max_order` that the three sensors alone lose.
+/// Harmonics of 1..=`max_order` that the three sensors alone do not determine.
 pub fn suppressed_orders(angles_deg: [f64; 3], max_order: usize) -> Vec<usize> {
     let is_zero = |order: &usize| determinant(angles_deg, *order) < ZERO_DETERMINANT;
     (1..=max_order).filter(is_zero).collect()

@@ -1,4 +1,4 @@
-//! Faults of channels and mounting are named; sound data raise nothing.
+//! Faults of channels and mounting are named. Correct data give no warning.
 
 use estimation::revolutions::HarmonicData;
 use std::f64::consts::TAU;

@@ -1,4 +1,4 @@
-//! METHODS gate G3.
+//! Gate G3 of METHODS.
 
 use super::super::fit::SeparationFit;
 use super::super::layout::{Separation, noise_gain, noise_gains};
@@ -25,7 +25,7 @@ fn gate_g3_determinant_and_noise_gain() {
     }
     let zeros = suppressed_orders([0.0, 90.0, 240.0], 20);
     assert!(zeros.contains(&11) && zeros.contains(&13), "{zeros:?}");
-    // The least squares lose what the determinant loses.
+    // The least squares do not determine the harmonics with a zero determinant.
     for angles in [ANGLES, [0.0, 90.0, 240.0]] {
         let layout = ProbeLayout::radial(&angles, 1);
         let gains = noise_gains(&layout, Separation::Multiprobe, 2..=40).unwrap();
@@ -75,7 +75,7 @@ fn gate_g3_monte_carlo_of_the_combined_separation() {
             assert!(harmonic.lost.is_empty(), "{:?}", harmonic.lost);
             let truth = [world.x[k].a, world.x[k].b, world.y[k].a, world.y[k].b];
             let errors = harmonic.solution.x.iter().zip(truth).map(|(x, truth)| x - truth);
-            // Of the complex harmonic, mean of X and Y.
+            // Squared error of the complex harmonic, mean of X and Y.
             squares[k] += errors.map(|error| error * error).sum::<f64>() / 2.0;
             let variance = |j| harmonic.solution.covariance[(j, j)];
             predicted[k] = (0..4).map(variance).sum::<f64>() / 2.0;
@@ -112,7 +112,7 @@ fn gate_g3_noise_free_separation_is_exact() {
     let fit = SeparationFit::new(&layout, &data).unwrap();
     let mut worst: f64 = 0.0;
     for (k, harmonic) in fit.blocks.iter().enumerate() {
-        // Harmonic of w(−q): the sine changes its sign.
+        // Harmonic of w(−q): the sine part has the opposite sign.
         let form = world.sections[0][k];
         let [x, y] = [world.x[k], world.y[k]];
         let truth = [x.a, x.b, y.a, y.b, form.a, -form.b];

@@ -1,5 +1,5 @@
-//! A table and a cylinder as functions of the angle. No formula of the estimator: displacements of points in
-//! space and the form over the angle on the artefact.
+//! Simulated table and cylinder as functions of the angle. They use no formula of the estimator, but displacements
+//! of points in space and the form over the angle on the artefact.
 
 use estimation::revolutions::{Row, RowRevolutions};
 use std::f64::consts::TAU;
@@ -9,7 +9,7 @@ use rand::RngExt;
 
 use super::super::model::{ProbeLayout, Surface};
 
-/// a·cos kq + b·sin kq.
+/// Term a·cos kq + b·sin kq.
 #[derive(Debug, Clone, Copy)]
 pub struct Term {
     pub order: f64,
@@ -35,7 +35,7 @@ pub struct World {
     pub noise_mm: f64,
 }
 
-/// Samples a revolution, and revolutions, of a scan.
+/// Samples per revolution, and number of revolutions of a scan.
 #[derive(Debug, Clone, Copy)]
 pub struct ScanSize {
     pub samples: usize,
@@ -50,7 +50,7 @@ pub fn random_terms(seed: u64, key: u64, orders: usize, size: f64) -> Vec<Term> 
 }
 
 impl World {
-    /// All five motions and all forms, `orders` harmonics.
+    /// World with all five motions and all forms, with harmonics up to `orders`.
     pub fn random(seed: u64, orders: usize, sections: usize, noise_mm: f64) -> Self {
         let terms = |key, size| random_terms(seed, key, orders, size);
         Self {
@@ -65,7 +65,7 @@ impl World {
         }
     }
 
-    /// Displacement of the surface towards the sensor at the table angle `q` without noise.
+    /// Displacement of the surface towards the sensor at the table angle `q`, without noise.
     pub fn deviation(&self, layout: &ProbeLayout, row: Row, q: f64) -> f64 {
         let channel = &layout.channels[row.channel];
         let gamma = channel.angle_rad;

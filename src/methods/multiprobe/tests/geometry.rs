@@ -1,5 +1,5 @@
-//! Sensors that find the surface along their line in space: sign of the reading, frames, and the size
-//! of what the linear equation leaves out.
+//! Sensors that intersect their line in space with the surface. The tests check the sign of the reading, the
+//! frames, and the size of the terms that the linear equation omits.
 
 use estimation::revolutions::{HarmonicData, Row, RowRevolutions};
 use std::f64::consts::TAU;
@@ -72,13 +72,13 @@ fn regress_readings_in_space() {
                 form(world.face[k]),
             ];
             for (j, truth) in truth.iter().flatten().enumerate() {
-                // Tilts at a lever of 100 mm.
+                // Tilts are scaled with a lever of 100 mm.
                 let scale = if (4..8).contains(&j) { 100.0 } else { 1.0 };
                 worst = worst.max((harmonic.solution.x[j] * scale - truth).abs());
             }
         }
         println!("{turn}: {worst:.2e} mm beyond the linear equation");
-        // Below tangential displacement (2 µm) over the radius times the slope of the form (2 µm·6).
+        // Bound: tangential displacement (2 µm) divided by the radius, times the slope of the form (2 µm·6).
         assert!(worst < 1e-7, "{worst}");
     }
 }

@@ -1,4 +1,4 @@
-//! The separation against an independent generator, METHODS gate G3, nullities, refusals.
+//! Tests of the separation with an independent generator, METHODS gate G3, nullities, refusals.
 
 mod coverage;
 mod determinant;

@@ -1,4 +1,4 @@
-//! What is refused, and what is named instead.
+//! Refusals, and the alternatives that they name.
 
 use super::super::checks::{check_orders, check_sensor_angles, check_surfaces, weak_points};
 use super::super::layout::{RANKED_ORDERS, Separation, noise_gain, noise_gains, third_angles};
@@ -35,7 +35,7 @@ fn regress_a_step_that_suppresses_a_harmonic() {
     assert!(refused.instead.starts_with("index the artefact in 21 steps"));
     let better = layout(21, -1.0);
     assert!(check_orders(&better, &[Component::Z], 1..=20).is_ok());
-    // Two sensors and ten steps lose 10 and 20 of X; multiprobe alone loses nothing but the
+    // Two sensors and ten steps do not determine the orders 10 and 20 of X. Multiprobe alone determines all but the
     // co-rotating first harmonic.
     let pair = ProbeLayout::radial(&[0.0, 90.0], 10);
     let refused = check_orders(&pair, &[Component::X], 2..=20).unwrap_err();
@@ -66,7 +66,7 @@ fn regress_best_third_angle_outside_exclusions() {
     assert!(gain < 0.4);
 }
 
-/// The figures are those of METHODS section 3.
+/// The expected values are those of METHODS section 3.
 #[test]
 fn the_prompt_tells_the_noise_gain_and_a_better_place() {
     let probes = ProbeLayout::radial(&[0.0, 90.0, 230.0], 10);

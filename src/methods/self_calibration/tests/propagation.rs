@@ -38,7 +38,7 @@ fn noisy_fit(noise_mm: f64, second_order: bool) -> Fit {
     Fit::new(layout, observations, sigma, second_order).unwrap()
 }
 
-/// A touch of [`SIGMA_MM`] and a stylus offset in X that the residuals do not show.
+/// A touch of [`SIGMA_MM`] and a stylus offset in X that does not contribute to the residuals.
 fn sources(fit: &Fit) -> [UncertaintySource; 2] {
     let along_x = |seen: &Observation| {
         STYLUS_OFFSET_MM * (TAU * seen.phi as f64 / fit.layout.design.n as f64).cos()
@@ -64,8 +64,8 @@ fn identified(fit: &Fit, is_declared: bool, trials: Option<TrialPlan>) -> Identi
         .unwrap()
 }
 
-/// Contradicted and undeclared: χ² per degree of freedom scales the touches' share of u, which alone has
-/// limited degrees of freedom. Declared and plausible: nothing is scaled.
+/// If the uncertainty is contradicted or undeclared, χ² per degree of freedom scales the touches' share of u, the
+/// only one with limited degrees of freedom. If it is declared and plausible, nothing is scaled.
 #[test]
 fn regress_the_residuals_scale_the_touches_alone() {
     for (noise_mm, is_declared) in [(3e-3, true), (3e-3, false), (0.5e-3, false), (1e-3, true)] {
@@ -96,7 +96,7 @@ fn regress_the_residuals_scale_the_touches_alone() {
     }
 }
 
-/// A trial does not depend on the trials of its block, nor on the number of threads.
+/// A trial depends neither on the other trials of its block nor on the number of threads.
 #[test]
 fn regress_a_block_gives_the_unknowns_of_each_trial() {
     let fit = noisy_fit(1e-3, true);
