@@ -51,6 +51,7 @@ pub fn forecast(
         .chain(assumed_repeatability(plan))
         .chain(aliased)
         .chain(better)
+        .chain(repeated)
         .chain(limits)
         .collect())
 }
