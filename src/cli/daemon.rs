@@ -14,7 +14,7 @@ use super::progress::Progress;
 use super::signals::stop_on_signals;
 use super::terminal::{by_enter, typed};
 use crate::run::{Answers, Asked};
-use crate::service::{Whereabouts, address};
+use crate::service::{PageAddressFile, address};
 use crate::setup::MachineFile;
 use crate::store::{Holder, Journal, LockError, RunId, sha256_text};
 use devices::controllers::Halt;
@@ -45,7 +45,7 @@ impl Daemon {
         let LockError::Held { holder: Some(Holder { machine, pid, .. }), .. } = error else {
             return None;
         };
-        let Whereabouts { page, machine_files, .. } = Whereabouts::of(*pid, folder)?;
+        let PageAddressFile { page, machine_files, .. } = PageAddressFile::of(*pid, folder)?;
         let machine_file = machine_files.get(machine)?.clone();
         let agent = ureq::Agent::config_builder()
             .timeout_global(Some(PATIENCE))

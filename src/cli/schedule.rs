@@ -10,8 +10,8 @@ use super::failure::Failure;
 use super::files::state_folder;
 use super::{Exit, show};
 use crate::service::DaemonFile;
-use crate::service::rota::{Planned, arming};
 use crate::service::schedule::planned;
+use crate::service::schedule_state::{Planned, arming};
 use crate::setup::SetupError;
 use crate::store::{Arming, Journal, Slot};
 

@@ -1,4 +1,4 @@
-//! `--capture` of the service: a file for each run.
+//! `--capture` of the service: one capture file for each run.
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
@@ -7,9 +7,9 @@ use super::Log;
 use crate::store::RunId;
 use link::{Capture, Wiring};
 
-/// Where they go: `talk.capture` becomes `talk-17.capture` for run 17. Until the run has its number the
-/// file is `talk-begun.capture`; where one was left of a cycle that never became a run, the next is
-/// `talk-begun-2.capture`.
+/// Names of the capture files: `talk.capture` becomes `talk-17.capture` for run 17. Until the run has its number
+/// the file is `talk-begun.capture`. If that file is left over from a cycle that never became a run, the next
+/// name is `talk-begun-2.capture`.
 #[derive(Clone)]
 pub(super) struct Captures(PathBuf);
 
@@ -26,7 +26,8 @@ impl Captures {
         Self(file)
     }
 
-    /// A run goes on without it. Nothing is overwritten.
+    /// Creates the capture file of a cycle; never overwrites a file. On failure, a fault is logged and the run
+    /// continues without a capture.
     pub(super) fn begin<'a>(&'a self, log: &'a Log) -> Option<Begun<'a>> {
         let later = (2..).map(|number| self.named(&format!("begun-{number}")));
         for file in std::iter::once(self.named("begun")).chain(later) {
@@ -42,7 +43,7 @@ impl Captures {
         None
     }
 
-    /// Whether there was one.
+    /// Removes the capture of `run`. Returns whether a file was removed.
     pub(super) fn forget(&self, run: RunId) -> bool {
         std::fs::remove_file(self.named(&run.to_string())).is_ok()
     }
@@ -60,7 +61,7 @@ impl Begun<'_> {
         Wiring::Captured(self.capture.clone())
     }
 
-    /// The run has its number.
+    /// Renames the capture after the run, which now has its number.
     pub(super) fn is_of(&self, run: RunId) {
         let (from, to) = (&self.file, self.captures.named(&run.to_string()));
         if let Err(error) = keep(from, &to) {
@@ -72,7 +73,7 @@ impl Begun<'_> {
         }
     }
 
-    /// The run has ended, however.
+    /// Completes the capture after the run, whatever its outcome.
     pub(super) fn finish(self) {
         if let Err(error) = self.capture.finish() {
             self.log.fault(&format!("the capture is not whole: {error}"));
@@ -80,12 +81,12 @@ impl Begun<'_> {
     }
 }
 
-/// Nothing is overwritten.
+/// Renames `from` to `to`; never overwrites a file.
 fn keep(from: &Path, to: &Path) -> std::io::Result<()> {
     match std::fs::hard_link(from, to) {
         Ok(()) => std::fs::remove_file(from),
         Err(error) if error.kind() == ErrorKind::AlreadyExists => Err(error),
-        // A file system without links, as on a stick.
+        // The file system has no hard links, for example on a USB stick.
         Err(_) => {
             drop(std::fs::File::create_new(to)?);
             std::fs::rename(from, to)

@@ -1,4 +1,4 @@
-//! `[serve]` of the machine file: which cycles may be started from outside, and by whom.
+//! `[serve]` of the machine file: which cycles may be started from outside, and through which interfaces.
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
@@ -9,16 +9,16 @@ use serde::Deserialize;
 use super::schedule::entry::{self, Entry};
 use link::{HostPort, Named};
 
-/// Cycle numbers run from 1 to this: the Modbus map has one start coil for each.
+/// Highest cycle number; the lowest is 1. The Modbus map has one start coil for each cycle.
 pub const MAX_CYCLES: u16 = 8;
 
-/// What the machine itself must say before a cycle starts from outside.
+/// A condition that the machine itself must report before a cycle starts from outside.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Demand {
-    /// The external start is enabled: a key at the machine, or a bit of its PLC.
+    /// The external start is enabled: by a key switch at the machine, or by a bit of its PLC.
     Enable,
-    /// The control stands in its automatic mode.
+    /// The control is in automatic mode.
     Auto,
     /// The guards are closed.
     Door,
@@ -27,10 +27,10 @@ pub enum Demand {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Cycle {
-    /// By which it is started, from 1.
+    /// Number by which the cycle is started, from 1.
     pub number: u16,
     pub method: String,
-    /// Passes, as `--repeat`.
+    /// Number of passes, as `--repeat`.
     pub repeat: Option<u32>,
 }
 
@@ -38,13 +38,14 @@ pub struct Cycle {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Modbus {
-    /// Address and port of this computer.
+    /// Address and port of this computer to listen on.
     pub listen: SocketAddr,
     #[serde(default)]
     pub any_interface: bool,
-    /// Who may connect.
+    /// Addresses of the clients that may connect.
     pub allow: Vec<IpAddr>,
-    /// The control's `alive` must change within this time, or nothing that it says counts, s.
+    /// Maximum time between two changes of the control's `alive` register, s. After that, the inputs of the control
+    /// count as stale.
     #[serde(default = "fresh_s")]
     pub fresh_s: f64,
 }
@@ -59,15 +60,15 @@ struct HttpKeys {
     tokens: bool,
 }
 
-/// The page and its interface for programs.
+/// The page and the HTTP API.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "HttpKeys")]
 pub struct Http {
-    /// Address and port of this computer, reached from it alone.
+    /// Address and port to listen on; a loopback address only.
     pub listen: SocketAddr,
-    /// Names, with the port where it is not the usual one, under which a proxy of this computer is asked.
+    /// Host names under which a proxy on this computer receives requests, with the port unless it is the default.
     pub names: Vec<String>,
-    /// Everybody shows a token of his own.
+    /// Whether every client must present its own token.
     pub tokens: bool,
 }
 
@@ -99,7 +100,7 @@ struct LineKeys {
     tcp: Option<HostPort>,
 }
 
-/// A line of text: `START 1 ENABLE AUTO DOOR`.
+/// The serial or TCP text interface, with lines such as `START 1 ENABLE AUTO DOOR`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "LineKeys")]
 pub struct Line(pub Named);
@@ -133,17 +134,17 @@ struct Keys {
     schedule: Vec<Entry>,
 }
 
-/// `[serve]`, found sound.
+/// `[serve]`, validated.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
-    /// From the end of one cycle to the start of the next.
+    /// Minimum time between the end of a cycle and the start of the next.
     pub min_interval: Duration,
-    /// A run that tells nothing for longer is taken for one that hangs.
+    /// Maximum time between two events of a run; after that, the run counts as hung.
     pub patience: Duration,
-    /// A verdict says so long how the machine is.
+    /// Time for which a verdict stays valid.
     pub verdict: Duration,
-    /// [`Demand::Enable`] among them.
+    /// Conditions of an external start; always contains [`Demand::Enable`].
     pub demand: Vec<Demand>,
     pub cycle: Vec<Cycle>,
     pub modbus: Option<Modbus>,
@@ -160,7 +161,7 @@ fn patience_s() -> f64 {
     900.0
 }
 
-/// A measurement each week, and a day for one that is late.
+/// Default validity of a verdict, h: one week between measurements, and one day of tolerance.
 fn verdict_h() -> f64 {
     192.0
 }

@@ -1,12 +1,12 @@
-//! `config/trued.toml`: which machines one daemon serves, and where its page is. Each machine has its own
-//! file, found beside this one.
+//! `config/trued.toml`: the machines that one daemon serves, and the address of its page. Each machine has its
+//! own file, whose path is relative to this one.
 
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
 use super::config::{Config, Http};
-use super::keep::Retention;
+use super::retention::Retention;
 use crate::setup::MachineFile;
 use crate::setup::machine_file::{Document, MachineFileError, value_problem};
 
@@ -18,7 +18,7 @@ struct Entry {
     file: PathBuf,
 }
 
-/// What one daemon serves.
+/// Content of the daemon's file.
 pub struct DaemonFile {
     pub machines: Vec<(MachineFile, Config)>,
     pub http: Option<Http>,
@@ -27,7 +27,7 @@ pub struct DaemonFile {
 
 impl DaemonFile {
     /// # Errors
-    /// This file or a machine's: file, line, key and what to do.
+    /// This file or a machine file is invalid; the error gives file, line, key and remedy.
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
         let document = Document::read(path)?;
         document.only(&[], &SECTIONS)?;
@@ -49,7 +49,7 @@ impl DaemonFile {
         Ok(Self { machines: machines.collect::<Result<_, _>>()?, http, retention })
     }
 
-    /// The machine of one file, with its own page if it has one.
+    /// Serves the machine of one file, with its own page if the file configures one.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -59,7 +59,7 @@ impl DaemonFile {
         Ok(Self { machines: vec![(machine, config)], http, retention: None })
     }
 
-    /// The built-in simulated machine, and a page.
+    /// Serves the built-in simulated machine, with a page.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -86,7 +86,7 @@ mod tests {
         let DaemonFile { machines, http, .. } = DaemonFile::read(&file).unwrap();
         assert_eq!(machines.len(), 1);
         assert_eq!(machines[0].1.cycle[0].method, "self-calibration");
-        // As `trued serve` alone.
+        // The built-in machine is what `trued serve` serves without a file.
         let DaemonFile { machines: built_in, http: page, .. } = DaemonFile::built_in().unwrap();
         assert_eq!(machines[0].0.text(), built_in[0].0.text());
         assert_eq!(http.map(|http| http.listen), page.map(|page| page.listen));

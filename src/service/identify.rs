@@ -1,28 +1,28 @@
-//! Runs that were measured to their end and have no estimate, because their process ended first. They are
-//! identified while the machine waits, without motion; a new cycle may begin meanwhile.
+//! Identification of runs that are completely measured but have no estimate, because their process ended first.
+//! It runs while the machine waits, without motion; a new cycle may begin meanwhile.
 
 use tokio::sync::oneshot;
 use tokio::sync::oneshot::error::TryRecvError;
 
 use super::Log;
-use super::desk::Desk;
+use super::command_gate::CommandGate;
 use super::metrics::Outcome;
 use crate::archive::story::identification_fault;
 use crate::run::{Unidentified, start_identification, store_identification};
 use crate::store::{Journal, RunId, RunState, StoreError, StoredRun};
 use machine::record::estimate::Estimate;
 
-/// The identification under way, and the runs that come after it.
+/// The identification in progress, and the runs that wait for one.
 #[derive(Default)]
 pub(super) struct Identifications {
-    /// The next one last.
+    /// Stack of the waiting runs: the last element is the next one.
     waiting: Vec<RunId>,
     computing: Option<(RunId, oneshot::Receiver<Result<Estimate, Unidentified>>)>,
 }
 
 impl Identifications {
-    /// All runs of `machine` that wait for an identification. Only while this process has the machine: no other
-    /// one computes an identification then.
+    /// Finds all runs of `machine` that wait for an identification. Call it only while this process holds the
+    /// machine's lock: then no other process computes an identification.
     pub fn find(&mut self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
         self.waiting = journal.not_identified(machine)?;
         Ok(())
@@ -32,9 +32,8 @@ impl Identifications {
         self.waiting.push(run);
     }
 
-    /// One step: stores the result of the identification under way, or begins the next. Never waits for a
-    /// computation.
-    pub async fn step(&mut self, desk: &Desk, log: &Log, journal: &Journal) {
+    /// Stores the result of the identification in progress, or begins the next one. Never waits for a computation.
+    pub async fn step(&mut self, gate: &CommandGate, log: &Log, journal: &Journal) {
         if let Some((run, mut result)) = self.computing.take() {
             let found = match result.try_recv() {
                 Ok(found) => found,
@@ -45,7 +44,7 @@ impl Identifications {
                 }
             };
             let stored = store_identification(journal, run, found).await;
-            return show_result(desk, log, run, stored);
+            return show_result(gate, log, run, stored);
         }
         match self.next(journal) {
             Ok(Some(stored)) => {
@@ -58,7 +57,7 @@ impl Identifications {
         }
     }
 
-    /// The newest run without an estimate whose identification has not failed before.
+    /// The newest run without an estimate, except runs whose identification has failed before.
     fn next(&mut self, journal: &Journal) -> Result<Option<StoredRun>, StoreError> {
         while let Some(run) = self.waiting.pop() {
             let stored = journal.load(run)?;
@@ -71,15 +70,17 @@ impl Identifications {
     }
 }
 
-fn show_result(desk: &Desk, log: &Log, run: RunId, stored: Result<Estimate, Unidentified>) {
+fn show_result(gate: &CommandGate, log: &Log, run: RunId, stored: Result<Estimate, Unidentified>) {
     match stored {
         Ok(estimate) => {
-            desk.tally().ended(Outcome::Judged(estimate.verdict));
-            desk.show(|board| board.identified = board.identified.wrapping_add(1));
+            gate.tally().ended(Outcome::Judged(estimate.verdict));
+            gate.update(|machine_state| {
+                machine_state.identified = machine_state.identified.wrapping_add(1)
+            });
             log.say(&format!("run {run} is identified, verdict {}", estimate.verdict));
         }
         Err(why) => {
-            desk.tally().ended(Outcome::Failed);
+            gate.tally().ended(Outcome::Failed);
             let remedy = why.remedy().map_or(String::new(), |remedy| format!("; {remedy}"));
             log.fault(&format!("run {run} is not identified: {why}{remedy}"));
         }

@@ -1,35 +1,35 @@
-//! What the daemon says to the person who reads its log.
+//! Log lines of the daemon.
 
 use std::sync::Arc;
 
-/// What a line is.
+/// Severity of a log line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    Word,
-    /// Somebody should see to it.
+pub enum Severity {
+    Info,
+    /// An error that needs attention.
     Fault,
 }
 
-type Hears = dyn Fn(Kind, &str) + Send + Sync;
+type LogSink = dyn Fn(Severity, &str) + Send + Sync;
 
-/// Cloneable; from any thread.
+/// Sink of the daemon's log lines; cloneable and usable from any thread.
 #[derive(Clone)]
-pub struct Log(Arc<Hears>);
+pub struct Log(Arc<LogSink>);
 
 impl Log {
-    pub fn new(hears: impl Fn(Kind, &str) + Send + Sync + 'static) -> Self {
-        Self(Arc::new(hears))
+    pub fn new(sink: impl Fn(Severity, &str) + Send + Sync + 'static) -> Self {
+        Self(Arc::new(sink))
     }
 
     pub fn say(&self, words: &str) {
-        (self.0)(Kind::Word, words);
+        (self.0)(Severity::Info, words);
     }
 
     pub fn fault(&self, words: &str) {
-        (self.0)(Kind::Fault, words);
+        (self.0)(Severity::Fault, words);
     }
 
-    /// With the machine's name before each line.
+    /// A log that puts the machine's name before each line.
     pub fn of(&self, name: String) -> Self {
         let log = self.clone();
         Self::new(move |kind, words| (log.0)(kind, &format!("{name}: {words}")))

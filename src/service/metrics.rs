@@ -1,5 +1,5 @@
-//! Counters and gauges as Prometheus reads them. Labels are bounded: the machines of the configuration, and
-//! lists of this program.
+//! Counters and gauges in Prometheus format. The number of label values is bounded: they are the configured
+//! machines and fixed lists of this program.
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -14,13 +14,13 @@ use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
 
-use super::board::{Refusal, State};
+use super::machine_state::{Refusal, State};
 use machine::record::estimate::Verdict;
 
 type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
 type Seconds = Gauge<f64, AtomicU64>;
 
-/// Of the whole daemon.
+/// Metrics of the whole daemon.
 #[derive(Clone)]
 pub struct Metrics {
     registry: Arc<Registry>,
@@ -37,7 +37,7 @@ pub struct Metrics {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
     Judged(Verdict),
-    /// The machine holds.
+    /// The machine is held.
     Held,
     Failed,
 }
@@ -66,7 +66,7 @@ impl Outcome {
     }
 }
 
-/// What is counted at one machine.
+/// Counters of one machine.
 #[derive(Clone)]
 pub struct Tally {
     metrics: Metrics,
@@ -75,7 +75,7 @@ pub struct Tally {
 
 impl Default for Metrics {
     fn default() -> Self {
-        // A commit is synced: from tenths of a millisecond to a disk that is tired.
+        // Time of a synced commit: buckets from 0.1 ms upwards, to cover a slow disk.
         let wrote = Histogram::new(exponential_buckets(0.0001, 2.5, 12));
         let mut metrics = Self {
             registry: Arc::default(),
@@ -111,13 +111,13 @@ impl Metrics {
         registry
     }
 
-    /// For the journal's writer.
+    /// Callback for the journal's writer; it records the duration of each job.
     pub fn wrote(&self) -> impl Fn(Duration) + Send + 'static + use<> {
         let histogram = self.wrote.clone();
         move |took: Duration| histogram.observe(took.as_secs_f64())
     }
 
-    /// All that is counted at `machine` is there from the beginning, as 0.
+    /// Counters of `machine`; those of runs, readings and link errors exist from the start with the value 0.
     pub fn of(&self, machine: &str) -> Tally {
         let tally = Tally { metrics: self.clone(), machine: machine.to_owned() };
         Outcome::ALL
@@ -138,10 +138,10 @@ impl Metrics {
         self.progress_age.get_or_create(&labels).set(progress_age.as_secs_f64());
     }
 
-    /// All of it, in the OpenMetrics text format.
+    /// Returns all metrics in the OpenMetrics text format.
     ///
     /// # Errors
-    /// None that is known: a `String` takes all that is written to it.
+    /// None known: writing to a `String` does not fail.
     pub fn text(&self) -> Result<String, std::fmt::Error> {
         let mut text = String::new();
         text::encode(&mut text, &self.registry)?;

@@ -1,40 +1,40 @@
-//! `trued serve`. For each machine an attendant on a thread of its own: it holds the machine's
-//! lock, waits for triggers, runs a cycle, judges, waits again. One journal and one page for all.
+//! `trued serve`. Each machine has a worker on its own thread: it holds the machine's lock, waits for a trigger,
+//! runs a cycle, stores the verdict, and waits again. All machines share one journal and one page.
 //!
-//! What may start a cycle is in [`desk`]; each folder here is a way in. A cycle that ends with the
-//! machine held lets go of the machine's lock, so that a person can resume it; nothing starts until
-//! somebody has acknowledged.
+//! [`command_gate`] decides what may start a cycle; `http`, [`schedule`] and [`triggers`] are the ways to start
+//! one. A cycle that ends with the machine held releases the machine's lock, so that a person can resume the run.
+//! No cycle starts until a person has acknowledged.
 
-mod again;
-mod ask;
-mod attend;
-pub mod board;
+mod acknowledge;
 mod captures;
-pub mod config;
-mod daemon_file;
-pub mod desk;
+pub mod command_gate;
 #[cfg(test)]
-mod desk_tests;
+mod command_gate_tests;
+pub mod config;
+mod daemon;
+mod daemon_file;
+mod heartbeat;
 mod http;
 mod identify;
-mod keep;
-mod leave;
+mod last_run;
 mod log;
+pub mod machine_state;
 mod metrics;
 mod notify;
-mod past;
-mod pulse;
-pub mod rota;
+mod resume;
+mod retention;
 pub mod schedule;
+pub mod schedule_state;
 pub mod telemetry;
-mod together;
 pub mod triggers;
+mod worker;
+mod worker_command;
 
 pub use self::config::{Config, Http};
+pub use self::daemon::Service;
 pub use self::daemon_file::DaemonFile;
-pub use self::http::{Role, Token, TokenError, Tokens, Whereabouts, address};
+pub use self::http::{PageAddressFile, Role, Token, TokenError, Tokens, address};
 pub use self::log::Log;
-pub use self::together::Service;
 use crate::run::RunError;
 use crate::setup::SetupError;
 use crate::store::{LockError, StoreError};
@@ -65,7 +65,7 @@ pub enum ServeError {
 }
 
 impl ServeError {
-    /// What to do next, where the message does not say it already.
+    /// Remedy, where the message does not contain one.
     pub fn remedy(&self) -> Option<String> {
         match self {
             Self::Setup(error) => error.remedy(),
@@ -94,11 +94,11 @@ impl ServeError {
     }
 }
 
-/// How the service ended.
+/// State in which the service ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Ended {
-    /// While it waited.
+    /// No run was in progress.
     Waiting,
-    /// A run was under way and has not come to its end: the machine holds.
+    /// A run was in progress and is not complete: the machine is held.
     Held,
 }

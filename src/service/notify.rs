@@ -1,28 +1,28 @@
-//! What systemd is told: that the daemon is ready, how it goes, that it lives, that it ends. Without
-//! `NOTIFY_SOCKET` nobody is told, but work that hangs is still found out, and its machine held.
+//! Notifications to systemd: the daemon is ready, its status, the watchdog, the daemon ends. Without
+//! `NOTIFY_SOCKET` none is sent, but hung work is still detected and its machine held.
 //!
-//! The watchdog is fed only while each machine's worker makes progress within the time that it said
-//! itself ([`Pulse`](super::pulse::Pulse)): a thread that hangs is not covered up by another that lives.
+//! The watchdog is fed only while every machine's worker makes progress within the time that the worker has
+//! announced ([`WorkerHeartbeat`](super::heartbeat::WorkerHeartbeat)): a live thread does not mask a hung one.
 
 use std::thread::{Builder, sleep};
 use std::time::{Duration, Instant};
 
 use sd_notify::NotifyState::{self, Ready, Status, Stopping, Watchdog};
 
-use super::board::State;
-use super::desk::Desk;
+use super::command_gate::CommandGate;
+use super::machine_state::State;
 use super::{Log, ServeError};
 
-/// How often the workers are looked at, at least.
+/// Maximum time between two checks of the workers.
 const TICK: Duration = Duration::from_secs(1);
 
-/// Who is watched: a machine's name, and its desk.
-pub type Watched = Vec<(String, Desk)>;
+/// Watched machines: name and gate of each.
+pub type Watched = Vec<(String, CommandGate)>;
 
-/// Ready from now on; watch for as long as the process lives.
+/// Notifies systemd that the daemon is ready, and watches the workers for as long as the process lives.
 ///
 /// # Errors
-/// No thread.
+/// The thread cannot be started.
 pub fn ready(watched: Watched, log: &Log) -> Result<(), ServeError> {
     tell(&[Ready, Status(&status(&watched))], log);
     let (mut watch, log) = (Watch::new(watched), log.clone());
@@ -32,7 +32,7 @@ pub fn ready(watched: Watched, log: &Log) -> Result<(), ServeError> {
     thread.map(drop).map_err(ServeError::Thread)
 }
 
-/// `third`: of the time within which systemd expects a beat, if it does.
+/// `third`: one third of systemd's watchdog timeout; `None` without a watchdog.
 fn look(watch: &mut Watch, third: Option<Duration>, log: &Log) {
     let (mut fed, mut told) = (Instant::now(), String::new());
     loop {
@@ -50,7 +50,7 @@ fn look(watch: &mut Watch, third: Option<Duration>, log: &Log) {
     }
 }
 
-/// The daemon ends from now on.
+/// Notifies systemd that the daemon is ending.
 pub fn stopping(log: &Log) {
     tell(&[Stopping, Status("ending: machines are held where they stand")], log);
 }
@@ -61,14 +61,14 @@ fn tell(states: &[NotifyState<'_>], log: &Log) {
     }
 }
 
-/// In one line.
+/// Status of all machines in one line.
 fn status(watched: &Watched) -> String {
-    let each = watched.iter().map(|(name, desk)| {
-        let board = desk.board();
+    let each = watched.iter().map(|(name, gate)| {
+        let machine_state = gate.machine_state();
         let name = name.replace(char::is_control, " ");
-        match board.state {
+        match machine_state.state {
             State::Running => {
-                format!("{name}: run {}, {} %", board.run, board.progress_percent)
+                format!("{name}: run {}, {} %", machine_state.run, machine_state.progress_percent)
             }
             state => format!("{name}: {}", state.word()),
         }
@@ -78,7 +78,7 @@ fn status(watched: &Watched) -> String {
 
 struct Watch {
     watched: Watched,
-    /// Of each, as of the last look.
+    /// Whether each worker was late at the last check.
     late: Vec<bool>,
 }
 
@@ -88,17 +88,17 @@ impl Watch {
         Self { watched, late }
     }
 
-    /// Whether all make progress. Who does not any more is told, and its machine is held: the hold goes
-    /// to the control beside whatever hangs.
+    /// Whether all workers make progress. A worker that no longer does is logged, and its machine is held: the hold
+    /// reaches the control independently of the hung thread.
     fn all_live(&mut self, log: &Log) -> bool {
-        for ((name, desk), was_late) in self.watched.iter().zip(&mut self.late) {
-            let is_late = desk.pulse().is_late();
+        for ((name, gate), was_late) in self.watched.iter().zip(&mut self.late) {
+            let is_late = gate.heartbeat().is_late();
             if is_late && !*was_late {
-                let seconds = desk.pulse().age().as_secs();
+                let seconds = gate.heartbeat().age().as_secs();
                 log.fault(&format!(
                     "{name}: no progress for {seconds} s: the watchdog is fed no more"
                 ));
-                let _ = desk.stop("the watchdog");
+                let _ = gate.stop("the watchdog");
             } else if *was_late && !is_late {
                 log.say(&format!("{name}: progress again"));
             }
@@ -119,27 +119,27 @@ mod tests {
     fn one_that_hangs_stops_the_feed_and_is_held() {
         let log: Log = Log::new(|_, _| {});
         let machines: Watched =
-            ["mill", "lathe"].map(|name| (name.to_owned(), Desk::for_tests().0)).into();
+            ["mill", "lathe"].map(|name| (name.to_owned(), CommandGate::for_tests().0)).into();
         let mut watch = Watch::new(machines.clone());
         let halt = Halt::new(|| {});
         let (_, mill) = &machines[0];
-        mill.show(|board| board.state = State::Running);
-        mill.under_way(&halt);
-        machines.iter().for_each(|(_, desk)| desk.pulse().beat(LONG));
+        mill.update(|machine_state| machine_state.state = State::Running);
+        mill.register_halt(&halt);
+        machines.iter().for_each(|(_, gate)| gate.heartbeat().beat(LONG));
         assert!(watch.all_live(&log) && !halt.is_halted());
-        mill.pulse().beat(Duration::ZERO);
+        mill.heartbeat().beat(Duration::ZERO);
         sleep(Duration::from_millis(1));
-        // The other lives and beats, and that covers nothing up.
-        machines[1].1.pulse().beat(LONG);
+        // The live worker of the other machine does not mask the hung one.
+        machines[1].1.heartbeat().beat(LONG);
         assert!(!watch.all_live(&log) && halt.is_halted());
         assert!(!watch.all_live(&log));
-        mill.pulse().beat(LONG);
+        mill.heartbeat().beat(LONG);
         assert!(watch.all_live(&log));
     }
 
     #[test]
     fn a_name_cannot_say_more_than_a_name() {
-        let machines = vec![("mill\nREADY=1".to_owned(), Desk::for_tests().0)];
+        let machines = vec![("mill\nREADY=1".to_owned(), CommandGate::for_tests().0)];
         assert_eq!(status(&machines), "mill READY=1: starting");
     }
 }

@@ -1,5 +1,5 @@
-//! Where the words of the daemon go: under systemd to the journal, with machine, run and step as fields
-//! (`TRUED_RUN=17`); otherwise as plain lines to standard error.
+//! Destination of the daemon's log. Under systemd it is the journal, with machine, run and step as fields
+//! (`TRUED_RUN=17`); otherwise plain lines on standard error.
 
 use std::fmt::{Debug, Write as _};
 use std::fs::File;
@@ -14,23 +14,23 @@ use tracing_subscriber::Layer;
 use tracing_subscriber::layer::{Context, SubscriberExt};
 use tracing_subscriber::util::SubscriberInitExt;
 
-use super::log::{Kind, Log};
+use super::log::{Log, Severity};
 
-/// Of each field of ours in the journal.
+/// Prefix of the journal fields of this program.
 const PREFIX: &str = "TRUED";
 
-/// From now on, for the whole process. In the journal each step of a run stands as well (debug).
+/// Starts the log for the whole process. The systemd journal also gets each step of a run, at level debug.
 pub fn start() -> Log {
     let journal = is_journal().then(tracing_journald::layer).and_then(Result::ok);
     let journal = journal.map(|layer| {
         layer.with_field_prefix(Some(PREFIX.to_owned())).with_filter(LevelFilter::DEBUG)
     });
     let words = journal.is_none().then(|| Words.with_filter(LevelFilter::INFO));
-    // Begun already: then that goes on.
+    // If a subscriber is already set, it stays in use.
     let _ = tracing_subscriber::registry().with(journal).with(words).try_init();
     Log::new(|kind, words| match kind {
-        Kind::Word => tracing::info!("{words}"),
-        Kind::Fault => tracing::error!("{words}"),
+        Severity::Info => tracing::info!("{words}"),
+        Severity::Fault => tracing::error!("{words}"),
     })
 }
 
@@ -44,7 +44,7 @@ fn is_journal() -> bool {
     std::env::var("JOURNAL_STREAM").is_ok_and(|stream| own() == Some(stream))
 }
 
-/// Plain lines; nobody needs to read them.
+/// Plain lines on standard error; write errors are ignored.
 struct Words;
 
 impl<S: Subscriber> Layer<S> for Words {

@@ -1,4 +1,4 @@
-//! What can be read: machines, runs, plans, readings by pages, estimates, trends.
+//! Read access: machines, runs, plans, readings by pages, estimates, trends.
 
 use axum::Json;
 use axum::extract::{Path, Query, State};
@@ -11,7 +11,7 @@ use super::Web;
 use super::journal::read_journal;
 use super::openapi::views::{AuditView, ComparisonView, Contract, RunView, SeriesView};
 use super::problem::Problem;
-use super::standing::Standing;
+use super::status::MachineStatus;
 use crate::archive::compare::{Comparison, compare};
 use crate::archive::history::{Series, history};
 use crate::archive::story::story;
@@ -20,7 +20,7 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 
-/// Of a list, unless asked for less.
+/// Maximum and default number of items in a list.
 const PAGE: usize = 200;
 
 pub fn routes() -> OpenApiRouter<Web> {
@@ -37,24 +37,24 @@ pub fn routes() -> OpenApiRouter<Web> {
         .routes(routes!(compared))
 }
 
-/// All machines, and how they stand.
-#[utoipa::path(get, path = "/api/v1/machines", responses((status = OK, body = Vec<Standing>)))]
-async fn machines(State(web): State<Web>) -> Json<Vec<Standing>> {
-    Json(web.machines.iter().map(Standing::of).collect())
+/// State of all machines.
+#[utoipa::path(get, path = "/api/v1/machines", responses((status = OK, body = Vec<MachineStatus>)))]
+async fn machines(State(web): State<Web>) -> Json<Vec<MachineStatus>> {
+    Json(web.machines.iter().map(MachineStatus::of).collect())
 }
 
-/// How a machine stands.
-#[utoipa::path(get, path = "/api/v1/machines/{name}", params(("name" = String, Path)), responses((status = OK, body = Standing)))]
+/// State of a machine.
+#[utoipa::path(get, path = "/api/v1/machines/{name}", params(("name" = String, Path)), responses((status = OK, body = MachineStatus)))]
 async fn machine(
     State(web): State<Web>,
     Path(name): Path<String>,
-) -> Result<Json<Standing>, Problem> {
+) -> Result<Json<MachineStatus>, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    Ok(Json(Standing::of(machine)))
+    Ok(Json(MachineStatus::of(machine)))
 }
 
 /// Each value over the newest 200 finished runs of its method, with its tolerance and the mean temperatures of
-/// each run; its control limits, its steps and drifts.
+/// each run; its control limits, its steps and its drifts.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
 async fn trends(
     State(web): State<Web>,
@@ -63,7 +63,7 @@ async fn trends(
     let served = web.machine(&name).is_some();
     let limits = web.tolerance(&name);
     let found = read_journal(&web, move |journal| {
-        // One that is not served any more has its runs still.
+        // A machine that is no longer served may still have runs in the journal.
         match served || journal.machines()?.contains(&name) {
             true => Ok(history(journal, &name, &limits)?),
             false => Err(Problem::not_found(&name)),
@@ -72,36 +72,36 @@ async fn trends(
     Ok(Json(found.await??))
 }
 
-/// Of the audit log.
+/// Range of entries of the audit log.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 struct Earlier {
-    /// Those before the one with this `seq`.
+    /// Only entries before the one with this `seq`.
     before: Option<i64>,
     limit: Option<usize>,
 }
 
-/// Of readings.
+/// Range of readings.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 struct Further {
-    /// Without the first so many.
+    /// Number of readings to skip.
     after: Option<usize>,
     limit: Option<usize>,
 }
 
-/// Of a list at most so many.
+/// Number of items to return, at most [`PAGE`].
 fn most(limit: Option<usize>) -> usize {
     limit.unwrap_or(PAGE).min(PAGE)
 }
 
-/// Which runs.
+/// Range of runs.
 #[derive(Debug, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RunsAsked {
-    /// Older than this one.
+    /// Only runs older than this one.
     before: Option<i64>,
-    /// Newer than this one; alone: those that follow it.
+    /// Only runs newer than this one; without `before`, those that follow it directly.
     after: Option<i64>,
     limit: Option<usize>,
 }
@@ -129,7 +129,7 @@ async fn runs(
     ))
 }
 
-/// Who asked for what, and what came of it, newest first.
+/// Audit log: requests, who made them, and their outcome, newest first.
 #[utoipa::path(get, path = "/api/v1/audit", params(Earlier), responses((status = OK, body = Vec<AuditView>)))]
 async fn audit(
     State(web): State<Web>,
@@ -146,12 +146,12 @@ struct OneRun {
     stages: usize,
     steps: usize,
     readings: usize,
-    /// When, and what.
+    /// Time and text of each event.
     #[schema(value_type = Vec<Vec<String>>)]
     story: Vec<(String, String)>,
 }
 
-/// A run, and what happened on the way.
+/// A run and its events.
 #[utoipa::path(get, path = "/api/v1/runs/{run}", params(("run" = i64, Path)), responses((status = OK, body = OneRun)))]
 async fn run(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<OneRun>, Problem> {
     let stored = read_journal(&web, move |journal| journal.load(RunId(run))).await??;
@@ -164,7 +164,7 @@ async fn run(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<OneRun
     }))
 }
 
-/// Its plan, as `trued export` writes it.
+/// Plan of a run, as `trued export` writes it.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/plan", params(("run" = i64, Path)), responses((status = OK, body = Contract)))]
 async fn plan(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<Plan>, Problem> {
     Ok(Json(read_journal(&web, move |journal| journal.load(RunId(run))).await??.plan))
@@ -178,7 +178,7 @@ struct Readings {
     readings: Vec<Reading>,
 }
 
-/// Its readings, without the first `after`.
+/// Readings of a run, without the first `after`.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/readings", params(("run" = i64, Path), Further), responses((status = OK, body = Readings)))]
 async fn readings(
     State(web): State<Web>,
@@ -191,7 +191,7 @@ async fn readings(
     Ok(Json(Readings { all, after, readings }))
 }
 
-/// Its last estimate, as `trued export` writes it.
+/// Last estimate of a run, as `trued export` writes it.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/estimate", params(("run" = i64, Path)), responses((status = OK, body = Contract)))]
 async fn estimate(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<Estimate>, Problem> {
     let read = move |journal: &Journal| -> Result<Option<Estimate>, StoreError> {
@@ -201,7 +201,7 @@ async fn estimate(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<E
     found.map(Json).ok_or_else(|| Problem::not_found(format!("estimate of run {run}")))
 }
 
-/// The runs that are compared.
+/// Runs to compare.
 #[derive(Debug, Clone, Copy, Deserialize, IntoParams)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Pair {
@@ -209,7 +209,7 @@ pub(super) struct Pair {
     b: i64,
 }
 
-/// Run `b` against run `a`: each value's and each function's difference with its expanded uncertainty and E_n.
+/// Difference of run `b` from run `a`: each value's and each function's, with its expanded uncertainty and E_n.
 #[utoipa::path(get, path = "/api/v1/compare", params(Pair), responses((status = OK, body = ComparisonView)))]
 async fn compared(
     State(web): State<Web>,
@@ -218,7 +218,7 @@ async fn compared(
     Ok(Json(of_two(&web, pair).await?))
 }
 
-/// For the page as well.
+/// Comparison of two runs; the page uses it too.
 pub(super) async fn of_two(web: &Web, Pair { a, b }: Pair) -> Result<Comparison, Problem> {
     Ok(read_journal(web, move |journal| compare(journal, RunId(a), RunId(b))).await??)
 }

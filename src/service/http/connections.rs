@@ -1,7 +1,8 @@
-//! Who is connected: so many at a time, and each must say what it wants. When all places are taken a new
-//! connection gets the place of the one that has been silent longest, of whoever has the most of them. A new
-//! one has a second before it may have to make room, so that a hold comes through whatever else is
-//! connected; nobody is refused, for it might be the hold. No request and no answer is waited for without end.
+//! Connections of the HTTP server. Their number is limited, and every wait for a request or a response has a time
+//! limit. When all places are taken, a new connection replaces another one, preferably one without a request in
+//! progress: of the client with the most connections, the oldest. A new connection has one second to send its
+//! request before it can be replaced, so that a hold arrives however many clients are connected. No connection is
+//! refused, because it might carry a hold.
 
 use std::cmp::Reverse;
 use std::collections::BTreeMap;
@@ -29,82 +30,82 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tokio::task::AbortHandle;
 use tokio::time::{MissedTickBehavior, interval, sleep};
 
-use super::access::Asker;
+use super::access::ClientIdentity;
 use super::problem::Problem;
 
-/// Connections at a time.
+/// Maximum number of connections, without the fresh ones.
 const PLACES: usize = 256;
-/// Beside them, those that have come within this time and have not asked yet. They cost next to nothing.
+/// Time for which a new connection without a request counts as fresh; fresh connections use few resources.
 const FRESH: Duration = Duration::from_secs(1);
 const MOST_FRESH: usize = 512;
-/// Of them listeners to events.
+/// Maximum number of connections that receive events.
 const LISTENERS: usize = 64;
-/// The head of a request is complete within this time, counted from the end of the one before.
-const HEAD: Duration = Duration::from_secs(15);
-/// An answer is taken within this time, or its connection closed; events go on for as long as somebody takes
-/// them.
-const TAKEN: Duration = Duration::from_secs(15);
-/// A head is not larger, bytes; nor has it more fields.
+/// Maximum time to receive the head of a request, from the end of the previous request.
+const HEADER_TIMEOUT: Duration = Duration::from_secs(15);
+/// Maximum time for the client to receive a response; after that, the connection is closed. Events continue for as
+/// long as the client receives them.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(15);
+/// Maximum size of the head of a request, bytes; [`FIELDS`] is its maximum number of header fields.
 const LARGEST_HEAD: usize = 16 * 1024;
 const FIELDS: usize = 64;
-/// Answers above this size, bytes, of which so many are under way at a time.
-const LARGE: u64 = 64 * 1024;
+/// Size above which a response is large, bytes; [`LARGE_ANSWERS`] is the maximum number of large ones at a time.
+const LARGE_RESPONSE_BYTES: u64 = 64 * 1024;
 const LARGE_ANSWERS: usize = 16;
 
-/// What a connection does, since when.
+/// State of a connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Does {
-    /// Has not asked yet.
-    Comes,
-    Waits,
-    Answers,
-    Tells,
+enum ConnectionState {
+    /// No request yet.
+    New,
+    Idle,
+    Responding,
+    Streaming,
 }
 
-struct Place {
-    does: Does,
+struct Connection {
+    does: ConnectionState,
     since: Instant,
-    /// Address, or who asks, once that is known.
+    /// Address of the client, or its identity once that is known.
     whose: String,
     task: Option<AbortHandle>,
 }
 
-impl Place {
+impl Connection {
     fn is_fresh(&self, now: Instant) -> bool {
-        self.does == Does::Comes && now.saturating_duration_since(self.since) < FRESH
+        self.does == ConnectionState::New && now.saturating_duration_since(self.since) < FRESH
     }
 }
 
 #[derive(Clone)]
-struct Places {
-    taken: Arc<Mutex<BTreeMap<u64, Place>>>,
+struct Connections {
+    taken: Arc<Mutex<BTreeMap<u64, Connection>>>,
     large: Arc<Semaphore>,
 }
 
-/// A place at the server, given back when dropped.
-struct Taken {
-    places: Places,
+/// A place at the server; dropping it frees the place.
+struct ConnectionGuard {
+    connections: Connections,
     number: u64,
 }
 
-impl Drop for Taken {
+impl Drop for ConnectionGuard {
     fn drop(&mut self) {
-        self.places.all().remove(&self.number);
+        self.connections.all().remove(&self.number);
     }
 }
 
-impl Places {
+impl Connections {
     fn new() -> Self {
         Self { taken: Arc::default(), large: Arc::new(Semaphore::new(LARGE_ANSWERS)) }
     }
 
-    fn all(&self) -> MutexGuard<'_, BTreeMap<u64, Place>> {
+    fn all(&self) -> MutexGuard<'_, BTreeMap<u64, Connection>> {
         self.taken.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn take(&self, number: u64, from: IpAddr, now: Instant) -> Taken {
+    fn take(&self, number: u64, from: IpAddr, now: Instant) -> ConnectionGuard {
         let mut all = self.all();
-        let is_fresh = |place: &Place| place.is_fresh(now);
+        let is_fresh = |place: &Connection| place.is_fresh(now);
         let fresh = all.values().filter(|place| is_fresh(place)).count();
         let settled = all.len() - fresh;
         if fresh >= MOST_FRESH {
@@ -113,10 +114,10 @@ impl Places {
         for _ in PLACES..=settled {
             close(&mut all, |place| !is_fresh(place));
         }
-        let (does, whose) = (Does::Comes, from.to_string());
-        all.insert(number, Place { does, since: now, whose, task: None });
+        let (does, whose) = (ConnectionState::New, from.to_string());
+        all.insert(number, Connection { does, since: now, whose, task: None });
         drop(all);
-        Taken { places: self.clone(), number }
+        ConnectionGuard { connections: self.clone(), number }
     }
 
     fn runs(&self, number: u64, task: AbortHandle) {
@@ -125,13 +126,15 @@ impl Places {
         }
     }
 
-    fn becomes(&self, number: u64, does: Does) {
+    fn becomes(&self, number: u64, does: ConnectionState) {
         let mut all = self.all();
         if let Some(place) = all.get_mut(&number) {
             (place.does, place.since) = (does, Instant::now());
         }
-        let tells = |place: &Place| place.does == Does::Tells;
-        if does == Does::Tells && all.values().filter(|place| tells(place)).count() > LISTENERS {
+        let tells = |place: &Connection| place.does == ConnectionState::Streaming;
+        if does == ConnectionState::Streaming
+            && all.values().filter(|place| tells(place)).count() > LISTENERS
+        {
             close(&mut all, tells);
         }
     }
@@ -142,17 +145,19 @@ impl Places {
         }
     }
 
-    /// Whose answer nobody takes.
+    /// Closes the connections whose client does not receive the response in time.
     fn close_stuck(&self) {
         let mut all = self.all();
-        let stuck = |place: &Place| place.does == Does::Answers && place.since.elapsed() > TAKEN;
+        let stuck = |place: &Connection| {
+            place.does == ConnectionState::Responding && place.since.elapsed() > RESPONSE_TIMEOUT
+        };
         while close(&mut all, stuck) {}
     }
 }
 
-/// One of those who `may` go: of those that do least, of whoever has the most of them, the oldest. Whether
-/// there is one.
-fn close(all: &mut BTreeMap<u64, Place>, may: impl Fn(&Place) -> bool) -> bool {
+/// Closes one of the connections for which `may` is true. Candidates are those with the lowest [`ConnectionState`]; of these,
+/// the oldest of the client with the most connections is closed. Returns whether one was closed.
+fn close(all: &mut BTreeMap<u64, Connection>, may: impl Fn(&Connection) -> bool) -> bool {
     let least = all.values().filter(|place| may(place)).map(|place| place.does).min();
     let mut shares = BTreeMap::new();
     for (number, place) in all.iter().filter(|(_, p)| Some(p.does) == least && may(p)) {
@@ -168,9 +173,9 @@ fn close(all: &mut BTreeMap<u64, Place>, may: impl Fn(&Place) -> bool) -> bool {
     found
 }
 
-/// For as long as the process lives.
+/// Serves for as long as the process lives.
 pub async fn serve(listener: TcpListener, router: Router) -> std::io::Result<()> {
-    let places = Places::new();
+    let connections = Connections::new();
     let mut second = interval(Duration::from_secs(1));
     second.set_missed_tick_behavior(MissedTickBehavior::Skip);
     for number in 0.. {
@@ -178,50 +183,51 @@ pub async fn serve(listener: TcpListener, router: Router) -> std::io::Result<()>
             tokio::select! {
                 accepted = listener.accept() => match accepted {
                     Ok(accepted) => break accepted,
-                    // It has gone again, or there are no more files: others may close theirs.
+                    // The client has disconnected already, or no file descriptor is free: retry later.
                     Err(_) => sleep(Duration::from_millis(50)).await,
                 },
-                _ = second.tick() => places.close_stuck(),
+                _ = second.tick() => connections.close_stuck(),
             }
         };
-        let taken = places.take(number, from.ip(), Instant::now());
+        let taken = connections.take(number, from.ip(), Instant::now());
         let task = tokio::spawn(connection(stream, from, router.clone(), taken));
-        places.runs(number, task.abort_handle());
+        connections.runs(number, task.abort_handle());
     }
     Ok(())
 }
 
-async fn connection(stream: TcpStream, from: SocketAddr, router: Router, taken: Taken) {
-    // An answer is small and not waited with.
+async fn connection(stream: TcpStream, from: SocketAddr, router: Router, taken: ConnectionGuard) {
+    // Responses are small and are sent without delay.
     let _ = stream.set_nodelay(true);
-    // What lies in the kernel already and is not taken: its own to watch (tcp(7), TCP_USER_TIMEOUT, ms).
-    let _ = set_tcp_user_timeout(&stream, TAKEN.as_millis().try_into().unwrap_or(u32::MAX));
+    // The kernel limits the time for data in its send buffer (tcp(7), TCP_USER_TIMEOUT, ms).
+    let _ =
+        set_tcp_user_timeout(&stream, RESPONSE_TIMEOUT.as_millis().try_into().unwrap_or(u32::MAX));
     let router = TowerToHyperService::new(router);
     let service = service_fn(|mut request: hyper::Request<Incoming>| {
-        let (places, number) = (taken.places.clone(), taken.number);
-        places.becomes(number, Does::Answers);
+        let (connections, number) = (taken.connections.clone(), taken.number);
+        connections.becomes(number, ConnectionState::Responding);
         request.extensions_mut().insert(ConnectInfo(from));
         let answer = router.call(request);
-        async move { Ok::<_, Infallible>(places.answers(number, answer.await.into_response())) }
+        async move { Ok::<_, Infallible>(connections.answers(number, answer.await.into_response())) }
     });
     let mut http = http1::Builder::new();
-    http.timer(TokioTimer::new()).header_read_timeout(HEAD).max_buf_size(LARGEST_HEAD);
-    // Who says no more may still wait; and what he has asked for, a hold above all, is done and written down.
+    http.timer(TokioTimer::new()).header_read_timeout(HEADER_TIMEOUT).max_buf_size(LARGEST_HEAD);
+    // A client that has closed its sending side may still wait; its request, above all a hold, is executed and logged.
     http.max_headers(FIELDS).half_close(true);
-    // Whatever ends it concerns this connection alone.
+    // An error concerns only this connection.
     let _ = http.serve_connection(TokioIo::new(stream), service).await;
 }
 
-impl Places {
+impl Connections {
     fn answers(&self, number: u64, response: Response) -> Response {
         let kind = response.headers().get(CONTENT_TYPE);
         let permit = if kind.is_some_and(|kind| kind.as_bytes().starts_with(b"text/event-stream")) {
-            if let Some(Asker(whose)) = response.extensions().get() {
+            if let Some(ClientIdentity(whose)) = response.extensions().get() {
                 self.is_of(number, whose);
             }
-            self.becomes(number, Does::Tells);
+            self.becomes(number, ConnectionState::Streaming);
             None
-        } else if http_body::Body::size_hint(response.body()).lower() > LARGE {
+        } else if http_body::Body::size_hint(response.body()).lower() > LARGE_RESPONSE_BYTES {
             match Arc::clone(&self.large).try_acquire_owned() {
                 Ok(permit) => Some(permit),
                 Err(_) => return self.answers(number, busy().into_response()),
@@ -229,7 +235,7 @@ impl Places {
         } else {
             None
         };
-        let under_way = UnderWay { places: self.clone(), number, _permit: permit };
+        let under_way = UnderWay { connections: self.clone(), number, _permit: permit };
         response.map(|body| Body::new(Followed { body, _under_way: under_way }))
     }
 }
@@ -239,20 +245,20 @@ fn busy() -> Problem {
     Problem::new(status, "busy", "too many large answers are being taken", "ask again in a moment")
 }
 
-/// Until the answer is taken or given up.
+/// Marks a response in progress, until it is received or given up.
 struct UnderWay {
-    places: Places,
+    connections: Connections,
     number: u64,
     _permit: Option<OwnedSemaphorePermit>,
 }
 
 impl Drop for UnderWay {
     fn drop(&mut self) {
-        self.places.becomes(self.number, Does::Waits);
+        self.connections.becomes(self.number, ConnectionState::Idle);
     }
 }
 
-/// A body that tells when it has gone.
+/// A response body that detects its own end.
 struct Followed {
     body: Body,
     _under_way: UnderWay,
@@ -282,51 +288,63 @@ impl http_body::Body for Followed {
 mod tests {
     use super::*;
 
-    /// Of each address how many are connected, and of them how many tell.
-    fn of(places: &Places, whose: &str) -> (usize, usize) {
-        let all = places.all();
+    /// Number of connections of a client, and how many of them receive events.
+    fn of(connections: &Connections, whose: &str) -> (usize, usize) {
+        let all = connections.all();
         let own = all.values().filter(|place| place.whose == whose);
-        (own.clone().count(), own.filter(|place| place.does == Does::Tells).count())
+        (own.clone().count(), own.filter(|place| place.does == ConnectionState::Streaming).count())
     }
 
     #[test]
     fn whoever_has_the_most_makes_room_and_nobody_else() {
-        let (places, begun) = (Places::new(), Instant::now());
+        let (connections, begun) = (Connections::new(), Instant::now());
         let [few, many] = [[127, 0, 0, 1], [127, 0, 0, 2]].map(IpAddr::from);
-        let taken: Vec<Taken> = (0..3).map(|number| places.take(number, few, begun)).collect();
+        let taken: Vec<ConnectionGuard> =
+            (0..3).map(|number| connections.take(number, few, begun)).collect();
         let now = begun + 2 * FRESH;
-        let crowd: Vec<Taken> = (10..4000).map(|number| places.take(number, many, now)).collect();
-        assert_eq!((of(&places, "127.0.0.1").0, of(&places, "127.0.0.2").0), (3, MOST_FRESH));
-        let newest = places.take(4000, few, now);
-        assert_eq!((of(&places, "127.0.0.1").0, of(&places, "127.0.0.2").0), (4, MOST_FRESH - 1));
-        // They had their time.
-        let next = places.take(4001, few, now + 2 * FRESH);
-        assert_eq!((of(&places, "127.0.0.1").0, of(&places, "127.0.0.2").0), (5, PLACES - 5));
+        let crowd: Vec<ConnectionGuard> =
+            (10..4000).map(|number| connections.take(number, many, now)).collect();
+        assert_eq!(
+            (of(&connections, "127.0.0.1").0, of(&connections, "127.0.0.2").0),
+            (3, MOST_FRESH)
+        );
+        let newest = connections.take(4000, few, now);
+        assert_eq!(
+            (of(&connections, "127.0.0.1").0, of(&connections, "127.0.0.2").0),
+            (4, MOST_FRESH - 1)
+        );
+        // The connections are not fresh any more.
+        let next = connections.take(4001, few, now + 2 * FRESH);
+        assert_eq!(
+            (of(&connections, "127.0.0.1").0, of(&connections, "127.0.0.2").0),
+            (5, PLACES - 5)
+        );
         drop((taken, crowd, newest, next));
-        assert!(places.all().is_empty());
+        assert!(connections.all().is_empty());
     }
 
     #[test]
     fn a_request_under_way_makes_room_last_and_a_listener_for_his_own() {
-        let (places, mut now) = (Places::new(), Instant::now());
+        let (connections, mut now) = (Connections::new(), Instant::now());
         let from = IpAddr::from([127, 0, 0, 1]);
-        let _taken: Vec<Taken> = (0..300).map(|number| places.take(number, from, now)).collect();
+        let _taken: Vec<ConnectionGuard> =
+            (0..300).map(|number| connections.take(number, from, now)).collect();
         let listens = |number: u64, whose: &str| {
-            places.is_of(number, whose);
-            places.becomes(number, Does::Tells);
+            connections.is_of(number, whose);
+            connections.becomes(number, ConnectionState::Streaming);
         };
         listens(0, "tablet");
         (1..=LISTENERS as u64 + 2).for_each(|number| listens(number, "crowd"));
-        assert_eq!((of(&places, "tablet").1, of(&places, "crowd").1), (1, LISTENERS - 1));
-        places.becomes(100, Does::Answers);
-        let _more: Vec<Taken> = (1000..1600)
+        assert_eq!((of(&connections, "tablet").1, of(&connections, "crowd").1), (1, LISTENERS - 1));
+        connections.becomes(100, ConnectionState::Responding);
+        let _more: Vec<ConnectionGuard> = (1000..1600)
             .map(|number| {
                 now += 2 * FRESH;
-                places.take(number, from, now)
+                connections.take(number, from, now)
             })
             .collect();
-        assert_eq!(places.all().len(), PLACES);
-        assert_eq!(places.all()[&100].does, Does::Answers);
-        assert_eq!((of(&places, "tablet").1, of(&places, "crowd").1), (1, LISTENERS - 1));
+        assert_eq!(connections.all().len(), PLACES);
+        assert_eq!(connections.all()[&100].does, ConnectionState::Responding);
+        assert_eq!((of(&connections, "tablet").1, of(&connections, "crowd").1), (1, LISTENERS - 1));
     }
 }

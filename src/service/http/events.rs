@@ -1,5 +1,5 @@
-//! Server-sent events: how a machine stands, whenever that changes, and now and then as a sign of life. Who
-//! listens slowly gets the newest and misses what was between: nothing is kept for him.
+//! Server-sent events: the state of a machine at each change, and at intervals as a keep-alive. A slow client gets
+//! the newest state and misses those between; nothing is queued for it.
 
 use std::convert::Infallible;
 use std::time::Duration;
@@ -15,47 +15,47 @@ use utoipa_axum::routes;
 
 use super::access::Caller;
 use super::problem::Problem;
-use super::standing::Standing;
-use super::{Shown, Web};
+use super::status::MachineStatus;
+use super::{ServedMachine, Web};
 
-/// At most so often.
+/// Minimum time between two events that report changes.
 const EVERY: Duration = Duration::from_millis(100);
-/// And at least so often: a listener that has gone is noticed, a page knows that the server lives, and what
-/// changes by time alone is told. A comment would do for the first, but no script sees one.
+/// Period of the keep-alive event. By it the server detects a lost client, the page detects a lost server, and
+/// changes that depend on time alone are sent. An SSE comment would only serve the first: a script cannot see it.
 const ALIVE: Duration = Duration::from_secs(5);
 
 pub fn routes() -> OpenApiRouter<Web> {
     OpenApiRouter::new().routes(routes!(of_machine))
 }
 
-/// Events `standing`: how a machine stands, whenever that changes, and every 5 s.
-#[utoipa::path(get, path = "/api/v1/machines/{name}/events", params(("name" = String, Path)), responses((status = OK, body = Standing, content_type = "text/event-stream")))]
+/// Events `standing`: the state of a machine at each change, and every 5 s.
+#[utoipa::path(get, path = "/api/v1/machines/{name}/events", params(("name" = String, Path)), responses((status = OK, body = MachineStatus, content_type = "text/event-stream")))]
 async fn of_machine(
     State(web): State<Web>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
 ) -> Result<impl IntoResponse, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
-    // A token that is revoked hears no more.
+    // The stream ends when the token is revoked.
     let told = looks(&machine).take_while(move |()| caller.stands());
     let events = told.map(move |()| Ok::<_, Infallible>(event(&machine)));
-    // A proxy that keeps them back until there are many would make the page believe that we are away.
+    // A proxy that buffers events would make the page treat the server as lost.
     Ok(([("x-accel-buffering", "no")], Sse::new(events)))
 }
 
-/// When there is something to tell; at first at once.
-fn looks(machine: &Shown) -> impl Stream<Item = ()> + use<> {
-    let board = WatchStream::new(machine.desk.changes());
-    // The first of them is the board's.
+/// Triggers of the events: the first at once, then each change and each keep-alive.
+fn looks(machine: &ServedMachine) -> impl Stream<Item = ()> + use<> {
+    let machine_state = WatchStream::new(machine.gate.changes());
+    // The first trigger comes from the machine state.
     let results = WatchStream::from_changes(machine.last.changes());
-    let changes = board.merge(results).map(|_| ()).throttle(EVERY);
+    let changes = machine_state.merge(results).map(|_| ()).throttle(EVERY);
     let mut alive = interval_at(Instant::now() + ALIVE, ALIVE);
     alive.set_missed_tick_behavior(MissedTickBehavior::Delay);
     changes.merge(IntervalStream::new(alive).map(|_| ()))
 }
 
-fn event(machine: &Shown) -> Event {
-    let count = *machine.desk.changes().borrow();
+fn event(machine: &ServedMachine) -> Event {
+    let count = *machine.gate.changes().borrow();
     let event = Event::default().event("standing").id(count.to_string());
-    event.json_data(Standing::of(machine)).unwrap_or_else(|_| Event::default())
+    event.json_data(MachineStatus::of(machine)).unwrap_or_else(|_| Event::default())
 }

@@ -1,5 +1,5 @@
-//! What stands before every answer: requests are small, come in time, are meant for this server, and what
-//! changes something comes from its own page or from a program, never from another site's page.
+//! Checks before every response. Requests must be small, complete in time and addressed to this server. Requests
+//! that change something must come from this server's own page or from a program, never from another site's page.
 
 use std::net::SocketAddr;
 use std::sync::Arc;
@@ -15,21 +15,21 @@ use axum::response::{IntoResponse, Response};
 use super::access::{Access, admit};
 use super::problem::Problem;
 
-/// No request says more, bytes.
+/// Maximum size of a request body, bytes.
 const MOST: usize = 16 * 1024;
-/// A request is complete within this time.
+/// Maximum time to receive and process a request that changes something.
 const PATIENCE: Duration = Duration::from_secs(10);
-/// The report has its style in itself; nothing has a script in itself, and nothing comes from elsewhere.
+/// The report contains inline styles. No page contains inline scripts, and nothing is loaded from other origins.
 const POLICY: &str = "default-src 'none'; script-src 'self'; connect-src 'self'; img-src 'self'; \
                       style-src 'self' 'unsafe-inline'; form-action 'self'; frame-ancestors 'none'; \
                       base-uri 'none'";
 
-/// The names that this server answers to.
+/// Host names of this server.
 #[derive(Debug, Clone)]
 pub struct Names(Arc<[String]>);
 
 impl Names {
-    /// `more`: of the proxy before it.
+    /// `more`: host names of the proxy in front of the server.
     pub fn of(at: SocketAddr, more: &[String]) -> Self {
         let port = at.port();
         let own = [at.to_string(), format!("localhost:{port}"), format!("127.0.0.1:{port}")];
@@ -42,7 +42,7 @@ impl Names {
     }
 }
 
-/// `router` behind all of it.
+/// Adds all checks to `router`.
 pub fn around(router: Router, names: Names, access: Arc<Access>) -> Router {
     router
         .layer(DefaultBodyLimit::max(MOST))
@@ -55,7 +55,7 @@ async fn meant_for_us(State(names): State<Names>, request: Request, next: Next) 
     if let Err(problem) = check(&names, &request) {
         return problem.into_response();
     }
-    // What is read of a body is read in time; an answer may go on for long, as events do.
+    // A request that changes something has a time limit; the response to any other may continue for long, as events do.
     match request.method().is_safe() {
         true => next.run(request).await,
         false => tokio::time::timeout(PATIENCE, next.run(request)).await.unwrap_or_else(|_| {
@@ -88,7 +88,7 @@ fn check(names: &Names, request: &Request) -> Result<(), Problem> {
             let host = origin.split_once("://").map_or("", |(_, host)| host);
             !names.hold(host)
         }
-        // A browser names the origin; a program says what it sends, which no form of another site can.
+        // A browser sends the origin. A program sends the content type JSON, which a form of another site cannot.
         None => !text(CONTENT_TYPE).is_some_and(|kind| kind.starts_with("application/json")),
     };
     match from_elsewhere {
@@ -110,7 +110,7 @@ async fn with_policy(request: Request, next: Next) -> Response {
     };
     set("content-security-policy", POLICY);
     set("x-content-type-options", "nosniff");
-    // Told to nobody else; without any, a browser would not say either that a form is our own.
+    // The referrer is sent to this origin only. Without any, a browser would not name the origin of the page's forms.
     set("referrer-policy", "same-origin");
     set("cache-control", "no-store");
     response

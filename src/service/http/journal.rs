@@ -1,4 +1,4 @@
-//! The journal, read for an answer.
+//! Journal queries for HTTP responses.
 
 use std::sync::Arc;
 
@@ -8,13 +8,13 @@ use super::Web;
 use super::problem::Problem;
 use crate::store::Journal;
 
-/// Beside the thread that answers: the disk may be slow.
+/// Reads the journal outside the thread of the HTTP server, because the disk may be slow.
 pub async fn read_journal<T: Send + 'static>(
     web: &Web,
     read: impl FnOnce(&Journal) -> T + Send + 'static,
 ) -> Result<T, Problem> {
     let journal = Arc::clone(&web.journal);
-    // Who goes away while he waits for his turn leaves nothing behind that would be read for nobody.
+    // If the client disconnects while it waits for a reader, nothing is read.
     let turn = Arc::clone(&web.readers).acquire_owned().await;
     let read = move || {
         let read = read(&journal);

@@ -17,8 +17,8 @@ pub fn routes() -> Router<Web> {
 
 async fn metrics(State(web): State<Web>) -> Response {
     for machine in web.machines.iter() {
-        let desk = &machine.desk;
-        web.metrics.set_machine(&machine.name, desk.board().state, desk.pulse().age());
+        let gate = &machine.gate;
+        web.metrics.set_machine(&machine.name, gate.machine_state().state, gate.heartbeat().age());
     }
     match web.metrics.text() {
         Ok(text) => ([(CONTENT_TYPE, OPEN_METRICS)], text).into_response(),

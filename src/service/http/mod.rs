@@ -1,7 +1,7 @@
-//! The page and its interface for programs, over HTTP. On this computer alone: beyond it stands a proxy.
+//! The page and the HTTP API. They listen on this computer only; access from other computers needs a proxy.
 //!
-//! It runs on a thread of its own and looks at the desk and the journal; whoever asks, and however slowly
-//! they listen, disturbs no run. A hold goes to the control from here at once.
+//! The server has its own thread and reads the gate and the journal, so that no client, however slow, delays a run.
+//! A hold goes from here directly to the control.
 
 mod access;
 mod actions;
@@ -16,7 +16,7 @@ mod page;
 mod problem;
 mod results;
 mod schedule;
-mod standing;
+mod status;
 mod whereabouts;
 
 use std::collections::BTreeMap;
@@ -30,61 +30,61 @@ use self::access::Access;
 pub use self::access::{Role, Token, TokenError, Tokens};
 pub use self::page::address;
 pub use self::results::Last;
-pub use self::whereabouts::Whereabouts;
+pub use self::whereabouts::PageAddressFile;
+use super::command_gate::CommandGate;
 use super::config::{Cycle, Demand, Http};
-use super::desk::Desk;
 use super::metrics::Metrics;
 use super::{Log, ServeError};
 use crate::run::{ANSWERING, behind};
 use crate::store::Journal;
 use machine::record::estimate::Limit;
 
-/// A machine that is shown.
+/// A machine that the page shows.
 #[derive(Clone)]
-pub struct Shown {
+pub struct ServedMachine {
     pub name: String,
-    /// Of its machine file.
+    /// SHA-256 of its machine file.
     pub file_sha256: String,
-    pub desk: Desk,
+    pub gate: CommandGate,
     pub cycles: Vec<Cycle>,
-    /// What a person must vouch for to start one of them.
+    /// Conditions that a person must confirm to start a cycle.
     pub demand: Vec<Demand>,
     pub tolerance: Vec<Limit>,
-    /// What it was found to be.
+    /// Newest result of the machine.
     pub last: Last,
 }
 
-/// What all answers are made from.
+/// Shared state of all handlers.
 #[derive(Clone)]
 struct Web {
-    machines: Arc<[Shown]>,
+    machines: Arc<[ServedMachine]>,
     journal: Arc<Journal>,
     metrics: Metrics,
     access: Arc<Access>,
     readers: Arc<Semaphore>,
-    /// Of each machine.
+    /// Live part of each machine's page.
     live: Arc<BTreeMap<String, page::Shared>>,
     holds: actions::Holds,
 }
 
 impl Web {
-    fn machine(&self, name: &str) -> Option<&Shown> {
+    fn machine(&self, name: &str) -> Option<&ServedMachine> {
         self.machines.iter().find(|machine| machine.name == name)
     }
 
-    /// As its file has it; of a machine that is not served here nothing is known.
+    /// Tolerances of the machine file; empty for a machine that is not served.
     fn tolerance(&self, name: &str) -> Vec<Limit> {
         self.machine(name).map(|machine| machine.tolerance.clone()).unwrap_or_default()
     }
 }
 
-/// Listen, and serve for as long as the process lives.
+/// Starts the server, which runs for as long as the process lives.
 ///
 /// # Errors
-/// The address is another's; the tokens cannot be read; no thread.
+/// The address cannot be listened on, the tokens cannot be read, or the thread cannot be started.
 pub fn start(
     config: &Http,
-    machines: Vec<Shown>,
+    machines: Vec<ServedMachine>,
     journal: Arc<Journal>,
     metrics: Metrics,
     log: &Log,
@@ -97,7 +97,7 @@ pub fn start(
     let access = Access::new(config, journal.folder(), log)?;
     let files = machines.iter().map(|one| (one.name.clone(), one.file_sha256.clone()));
     let (pid, machine_files) = (std::process::id(), files.collect());
-    let here = Whereabouts { pid, page: at, machine_files };
+    let here = PageAddressFile { pid, page: at, machine_files };
     if let Err(error) = here.leave(journal.folder()) {
         log.fault(&format!("commands will not find the page: {error}"));
     }
@@ -116,7 +116,7 @@ pub fn start(
     std::thread::Builder::new()
         .name("http".to_owned())
         .spawn(move || {
-            // So do the readers that it starts.
+            // The reader threads that this thread starts inherit its lower priority.
             behind(ANSWERING);
             if let Err(error) = serve(listener, followed, router) {
                 told.fault(&format!("the page has ended: {error}"));
@@ -127,7 +127,7 @@ pub fn start(
     Ok(())
 }
 
-/// Readers of the journal at a time; others wait, and the run has the rest of the computer.
+/// Maximum number of concurrent readers of the journal; others wait, so that the run has the rest of the computer.
 const READERS: usize = 2;
 
 fn serve(listener: TcpListener, web: Web, router: Router) -> std::io::Result<()> {

@@ -1,4 +1,4 @@
-//! What an answer says that could not be given: a code for programs, words and what to do for people.
+//! Error response: a code for programs, a message and a remedy for people.
 
 use axum::Json;
 use axum::http::StatusCode;
@@ -7,7 +7,7 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use crate::archive::report::ReportError;
-use crate::service::board::Refusal;
+use crate::service::machine_state::Refusal;
 use crate::store::{Fault, StoreError};
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -45,7 +45,7 @@ impl IntoResponse for Problem {
 impl From<StoreError> for Problem {
     fn from(error: StoreError) -> Self {
         match &error.fault {
-            // Where the journal lies is of no use to who has asked.
+            // The client does not need the journal's path.
             Fault::NoRun(run) => Self::not_found(format!("run {run}")),
             _ => {
                 let status = StatusCode::INTERNAL_SERVER_ERROR;

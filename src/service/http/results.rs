@@ -1,5 +1,5 @@
-//! What each machine's newest finished run has told, whoever measured it and before whichever restart: read
-//! from the journal, since a verdict without its time is worth nothing.
+//! Result of each machine's newest finished run, whichever process measured it. It is read from the journal, so that
+//! it survives a restart and has its time of measurement.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -11,26 +11,26 @@ use utoipa::ToSchema;
 
 use super::journal::read_journal;
 use super::openapi::views::VerdictView;
-use super::{Shown, Web};
-use crate::service::board::State;
-use crate::service::desk::Desk;
+use super::{ServedMachine, Web};
+use crate::service::command_gate::CommandGate;
+use crate::service::machine_state::State;
 use crate::store::{Journal, Newest, NewestRuns, RunId, StoreError};
 use machine::record::estimate::{Parameter, Verdict};
 
-/// Whoever measures beside this service tells nobody: looked for so often.
+/// Period of the journal query; another process that measures does not notify this service.
 const AGAIN: Duration = Duration::from_secs(10);
-/// A clock may have been set by so much since.
+/// Maximum time by which a result may be later than the clock, because the clock may have been set back since.
 const AHEAD: SignedDuration = SignedDuration::from_hours(1);
 
-/// Of one machine, as of the last look.
+/// Newest result of one machine, as of the last query.
 #[derive(Debug, Clone)]
 pub struct Last {
     newest: Arc<Mutex<NewestRuns>>,
-    /// One looks at a time: what was read earlier never takes the place of what was read later.
+    /// Serialises the queries, so that an older result never replaces a newer one.
     turn: Arc<Mutex<()>>,
-    /// Counts what changed.
+    /// Counter of the changes.
     changes: Arc<watch::Sender<u64>>,
-    /// A verdict says so long how the machine is.
+    /// Time for which a verdict stays valid.
     holds: SignedDuration,
 }
 
@@ -45,10 +45,10 @@ impl Last {
         self.changes.subscribe()
     }
 
-    /// Look anew. Blocks this thread.
+    /// Queries the journal again. Blocks this thread.
     ///
     /// # Errors
-    /// The journal cannot be read; what was known of it is forgotten.
+    /// The journal cannot be read; the previous result is discarded.
     pub fn look(&self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
         let turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
         let (found, error) = match journal.newest(machine) {
@@ -66,17 +66,17 @@ impl Last {
         error.map_or(Ok(()), Err)
     }
 
-    /// As seen at `now`, with its values.
-    pub fn at(&self, now: Timestamp) -> Option<(Told, Vec<Parameter>)> {
+    /// Newest result, with its validity at `now`, and its values.
+    pub fn at(&self, now: Timestamp) -> Option<(NewestResult, Vec<Parameter>)> {
         let NewestRuns { result, not_identified } = self.newest_runs();
         result.map(|newest| {
-            let mut told = Told::of(&newest, self.holds, now);
+            let mut told = NewestResult::of(&newest, self.holds, now);
             told.outdated |= not_identified.is_some();
             (told, newest.parameters)
         })
     }
 
-    /// The newest run that was measured to its end, if it has no estimate.
+    /// The newest completely measured run, if it has no estimate.
     pub fn not_identified(&self) -> Option<RunId> {
         self.newest_runs().not_identified
     }
@@ -86,22 +86,22 @@ impl Last {
     }
 }
 
-/// The newest finished run of a machine.
+/// Result of the newest finished run of a machine.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 #[schema(as = NewestResult)]
-pub struct Told {
+pub struct NewestResult {
     pub run: i64,
-    /// When it came to its end.
+    /// Time at which the run ended.
     #[schema(value_type = String, format = DateTime)]
     pub measured: Timestamp,
     #[schema(value_type = VerdictView)]
     pub verdict: Verdict,
-    /// Longer ago than `[serve] verdict_h`, or ahead of this computer's clock, or a newer run is measured and
-    /// not identified: it does not say any more how the machine is.
+    /// Whether the result no longer describes the machine: it is older than `[serve] verdict_h`, or later than this
+    /// computer's clock, or a newer run is measured and not identified.
     pub outdated: bool,
 }
 
-impl Told {
+impl NewestResult {
     fn of(newest: &Newest, holds: SignedDuration, now: Timestamp) -> Self {
         let Newest { run, ended, verdict, .. } = newest;
         let age = now.duration_since(*ended);
@@ -110,25 +110,29 @@ impl Told {
     }
 }
 
-/// Look whenever a run may have come to its end, for as long as the process lives.
-pub async fn follow(web: Web, machine: Shown) {
-    let mut changes = machine.desk.changes();
+/// Queries the journal whenever a run may have ended, for as long as the process lives.
+pub async fn follow(web: Web, machine: ServedMachine) {
+    let mut changes = machine.gate.changes();
     loop {
-        let seen = ended(&machine.desk);
+        let seen = ended(&machine.gate);
         let (last, name) = (machine.last.clone(), machine.name.clone());
-        // Without an answer nothing is known, and the page says so.
+        // After an error there is no result, and the page shows it as unknown.
         let _ = read_journal(&web, move |journal| last.look(journal, &name)).await;
         let other =
-            async { while changes.changed().await.is_ok() && ended(&machine.desk) == seen {} };
+            async { while changes.changed().await.is_ok() && ended(&machine.gate) == seen {} };
         let _ = tokio::time::timeout(AGAIN, other).await;
     }
 }
 
-/// What changes when the journal may have another result: the state, the run whose verdict the desk knows, and
-/// the count of runs that were identified since.
-fn ended(desk: &Desk) -> (State, Option<u32>, u16) {
-    let board = desk.board();
-    (board.state, board.verdict.map(|_| board.run), board.identified)
+/// Values that change when the journal may have another result: the state, the run whose verdict the gate has, and
+/// the number of runs that were identified while the machine waited.
+fn ended(gate: &CommandGate) -> (State, Option<u32>, u16) {
+    let machine_state = gate.machine_state();
+    (
+        machine_state.state,
+        machine_state.verdict.map(|_| machine_state.run),
+        machine_state.identified,
+    )
 }
 
 #[cfg(test)]
@@ -142,10 +146,10 @@ mod tests {
         let newest =
             Newest { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
         let hours = SignedDuration::from_hours;
-        let outdated = |age| Told::of(&newest, hours(192), ended + age).outdated;
+        let outdated = |age| NewestResult::of(&newest, hours(192), ended + age).outdated;
         assert!(!outdated(hours(0)) && !outdated(hours(192)));
         assert!(outdated(hours(193)) && outdated(hours(24 * 366)));
-        // The clock was set back: by what daylight saving and a slow clock do, and by a year.
+        // The clock was set back: by an hour, as after daylight saving time, and by a year.
         assert!(!outdated(hours(-1)) && outdated(hours(-24 * 365)));
     }
 }

@@ -1,4 +1,4 @@
-//! What is due when, and what became of it; who lets it start while nobody is there.
+//! Schedule: the next times, the outcome of the last slots, and the arming for unattended starts.
 
 use axum::Json;
 use axum::extract::{Extension, Path, State};
@@ -17,19 +17,19 @@ use super::journal::read_journal;
 use super::openapi::views::AgendaView;
 use super::page::for_people;
 use super::problem::Problem;
-use super::{Shown, Web};
-use crate::service::board::Refusal;
-use crate::service::rota::{Agenda, agenda, arming};
+use super::{ServedMachine, Web};
+use crate::service::machine_state::Refusal;
+use crate::service::schedule_state::{Agenda, agenda, arming};
 use crate::store::Audit;
 
 pub fn routes() -> OpenApiRouter<Web> {
     let done =
         OpenApiRouter::new().routes(routes!(arm)).routes(routes!(disarm)).routes(routes!(due));
-    // A slip in a form of the page is told to a person.
+    // A person who submits an invalid form gets the error as a page.
     OpenApiRouter::new().routes(routes!(schedule)).merge(done.layer(from_fn(for_people)))
 }
 
-/// What comes, who has armed what, and what became of the last times, newest first.
+/// Schedule of a machine: the next times, the armings, and the outcome of the last slots, newest first.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/schedule", params(("name" = String, Path)), responses((status = OK, body = AgendaView)))]
 async fn schedule(
     State(web): State<Web>,
@@ -39,9 +39,9 @@ async fn schedule(
     Ok(Json(of(&web, machine).await?))
 }
 
-async fn of(web: &Web, machine: &Shown) -> Result<Agenda, Problem> {
-    let (rota, name) = (machine.desk.rota().clone(), machine.name.clone());
-    Ok(read_journal(web, move |journal| agenda(journal, &rota, &name)).await??)
+async fn of(web: &Web, machine: &ServedMachine) -> Result<Agenda, Problem> {
+    let (schedule_state, name) = (machine.gate.schedule_state().clone(), machine.name.clone());
+    Ok(read_journal(web, move |journal| agenda(journal, &schedule_state, &name)).await??)
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
@@ -49,13 +49,13 @@ async fn of(web: &Web, machine: &Shown) -> Result<Agenda, Problem> {
 struct Arm {
     cycle: u16,
     who: String,
-    /// An instant, or how long from now: `14d`.
+    /// An instant, or a duration from now: `14d`.
     until: String,
     #[serde(default)]
     why: String,
 }
 
-/// Let a cycle start at its time while nobody is there, until then.
+/// Arm a cycle: it may start unattended at its scheduled times, until the given instant.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/arm", params(("name" = String, Path)), request_body = Arm, responses((status = ACCEPTED, body = AgendaView)))]
 async fn arm(
     State(web): State<Web>,
@@ -81,14 +81,14 @@ async fn arm(
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 struct Disarm {
-    /// All of them, if none is named.
+    /// Cycle to disarm; all cycles if absent.
     cycle: Option<u16>,
     who: String,
     #[serde(default)]
     why: String,
 }
 
-/// Nothing starts by itself any more.
+/// Disarm cycles: they no longer start unattended.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/disarm", params(("name" = String, Path)), request_body = Disarm, responses((status = ACCEPTED, body = AgendaView)))]
 async fn disarm(
     State(web): State<Web>,
@@ -111,7 +111,7 @@ struct Due {
     why: String,
 }
 
-/// As if its time had come by the schedule: armed, ready, and once.
+/// Report that a cycle is due now. It starts once, under the conditions of the schedule: armed and ready.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/due", params(("name" = String, Path)), request_body = Due, responses((status = ACCEPTED, body = AgendaView)))]
 async fn due(
     State(web): State<Web>,
@@ -126,9 +126,9 @@ async fn due(
     answer(&web, machine, to_page).await
 }
 
-async fn called(web: Web, machine: Shown, due: Due) -> Result<(), Problem> {
+async fn called(web: Web, machine: ServedMachine, due: Due) -> Result<(), Problem> {
     let Due { cycle, who, why } = due;
-    let answered = match machine.desk.rota().due(cycle, who.clone()) {
+    let answered = match machine.gate.schedule_state().due(cycle, who.clone()) {
         Some(told) => told.await.unwrap_or_else(|_| Err(Refusal::NotReady.to_string())),
         None => Err(Refusal::NotReady.to_string()),
     };
@@ -136,7 +136,7 @@ async fn called(web: Web, machine: Shown, due: Due) -> Result<(), Problem> {
         Ok(()) => "accepted".to_owned(),
         Err(why) => format!("refused: {why}"),
     };
-    let (what, run) = (format!("cycle {cycle} is due"), machine.desk.board().run.into());
+    let (what, run) = (format!("cycle {cycle} is due"), machine.gate.machine_state().run.into());
     let audit = Audit { who, what, why: kept(&why), machine: machine.name, run, outcome };
     web.journal.audit(&audit).await?;
     answered.map_err(|why| {
@@ -145,7 +145,7 @@ async fn called(web: Web, machine: Shown, due: Due) -> Result<(), Problem> {
     })
 }
 
-async fn answer(web: &Web, machine: &Shown, to_page: bool) -> Result<Response, Problem> {
+async fn answer(web: &Web, machine: &ServedMachine, to_page: bool) -> Result<Response, Problem> {
     Ok(match to_page {
         true => Redirect::to(&super::page::address(&machine.name)).into_response(),
         false => (StatusCode::ACCEPTED, Json(of(web, machine).await?)).into_response(),

@@ -1,16 +1,15 @@
-//! When a schedule is due: a cron pattern on the wall clock of a place, with its daylight saving.
+//! Times at which a schedule is due: a cron pattern in local time, with daylight saving time.
 
 use croner::Cron;
 use croner::parser::{CronParser, Seconds, Year};
 use jiff::tz::TimeZone;
 use jiff::{Timestamp, Zoned};
 
-/// `30 5 * * 1-5` in `Europe/Berlin`.
+/// A cron pattern and a time zone, for example `30 5 * * 1-5` in `Europe/Berlin`.
 ///
-/// A fixed time that the clocks jump over in spring is due once, at the first instant after the gap;
-/// one that comes twice in autumn is due once, at the first. A pattern with `*` or steps in its minutes or
-/// hours goes by the clock on the wall: nothing of it is due in the gap, and it is due in both of the
-/// doubled hours.
+/// A fixed time that does not exist in spring, because the clock skips it, is due once, at the first instant after
+/// the gap. A fixed time that occurs twice in autumn is due once, at its first occurrence. A pattern with `*` or
+/// steps in its minutes or hours follows local time: it is not due in the gap, and it is due in both repeated hours.
 #[derive(Debug, Clone)]
 pub struct Calendar {
     cron: Cron,
@@ -40,20 +39,19 @@ impl Calendar {
         }
     }
 
-    /// What comes after `instant`, without end.
+    /// Times after `instant`, without end.
     pub fn after(&self, instant: Timestamp) -> impl Iterator<Item = Zoned> {
         let first = Some(self.here(instant));
         let next = |last: &Zoned| self.cron.find_next_occurrence(last, false).ok();
         std::iter::successors(first, next).skip(1)
     }
 
-    /// What was due after `from` and until `to`, oldest first; of these the newest `most`, and whether
-    /// there were more.
+    /// Times after `from` and until `to`, oldest first: only the newest `most` of them, and whether there were more.
     pub fn between(&self, from: Timestamp, to: Timestamp, most: usize) -> (Vec<Timestamp>, bool) {
         if to <= from {
             return (Vec::new(), false);
         }
-        // Back from the end, so that a window of years costs no more than what is wanted of it.
+        // Backwards from the end, so that a window of years costs no more than the requested times.
         let mut inclusive = true;
         let mut last = self.here(to);
         let mut found = Vec::new();
@@ -94,24 +92,24 @@ mod tests {
         back.iter().map(Timestamp::to_string).collect()
     }
 
-    // The figures are those of Python's zoneinfo, `datetime(2027, 3, 27, 2, 30, tzinfo=ZoneInfo("Europe/Berlin"))
-    // .astimezone(timezone.utc)`, where a time comes twice with fold=0; those of Berlin are also those of
-    // `date -d`, which takes the later of two.
+    // The expected times are those of Python's zoneinfo, `datetime(2027, 3, 27, 2, 30,
+    // tzinfo=ZoneInfo("Europe/Berlin")).astimezone(timezone.utc)`, with fold=0 where a time occurs twice. Those of
+    // Berlin also agree with `date -d`, which takes the later of two.
 
     #[test]
     fn a_fixed_time_in_the_gap_is_due_once_after_it() {
         let found =
             days("30 2 * * *", "Europe/Berlin", "2027-03-26T12:00:00Z", "2027-03-29T12:00:00Z");
-        let wanted = ["2027-03-27T01:30:00Z", "2027-03-28T01:00:00Z", "2027-03-29T00:30:00Z"];
-        assert_eq!(found, wanted);
+        let requirements = ["2027-03-27T01:30:00Z", "2027-03-28T01:00:00Z", "2027-03-29T00:30:00Z"];
+        assert_eq!(found, requirements);
     }
 
     #[test]
     fn a_fixed_time_that_comes_twice_is_due_once() {
         let found =
             days("30 2 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-11-01T12:00:00Z");
-        let wanted = ["2027-10-30T00:30:00Z", "2027-10-31T00:30:00Z", "2027-11-01T01:30:00Z"];
-        assert_eq!(found, wanted);
+        let requirements = ["2027-10-30T00:30:00Z", "2027-10-31T00:30:00Z", "2027-11-01T01:30:00Z"];
+        assert_eq!(found, requirements);
     }
 
     #[test]
@@ -122,7 +120,7 @@ mod tests {
         let autumn =
             days("30 5 * * *", "Europe/Berlin", "2027-10-29T12:00:00Z", "2027-10-31T12:00:00Z");
         assert_eq!(autumn, ["2027-10-30T03:30:00Z", "2027-10-31T04:30:00Z"]);
-        // Half an hour, and in the other half of the year.
+        // A zone with a change of half an hour, in the southern hemisphere.
         let lord_howe = days(
             "15 2 * * *",
             "Australia/Lord_Howe",
@@ -139,22 +137,22 @@ mod tests {
     fn every_half_hour_goes_by_the_clock_on_the_wall() {
         let spring =
             days("*/30 * * * *", "Europe/Berlin", "2027-03-28T00:00:00Z", "2027-03-28T02:00:00Z");
-        let wanted = [
+        let requirements = [
             "2027-03-28T00:30:00Z",
             "2027-03-28T01:00:00Z",
             "2027-03-28T01:30:00Z",
             "2027-03-28T02:00:00Z",
         ];
-        assert_eq!(spring, wanted);
+        assert_eq!(spring, requirements);
         let autumn =
             days("*/30 2 * * *", "Europe/Berlin", "2027-10-30T23:00:00Z", "2027-10-31T03:00:00Z");
-        let wanted = [
+        let requirements = [
             "2027-10-31T00:00:00Z",
             "2027-10-31T00:30:00Z",
             "2027-10-31T01:00:00Z",
             "2027-10-31T01:30:00Z",
         ];
-        assert_eq!(autumn, wanted);
+        assert_eq!(autumn, requirements);
     }
 
     #[test]
@@ -162,8 +160,8 @@ mod tests {
         let calendar = Calendar::new("* * * * *", "UTC").unwrap();
         let (found, more) =
             calendar.between(at("1970-01-01T00:00:00Z"), at("2027-01-01T00:00:30Z"), 3);
-        let wanted = ["2026-12-31T23:58:00Z", "2026-12-31T23:59:00Z", "2027-01-01T00:00:00Z"];
-        assert_eq!((found, more), (wanted.map(at).to_vec(), true));
+        let requirements = ["2026-12-31T23:58:00Z", "2026-12-31T23:59:00Z", "2027-01-01T00:00:00Z"];
+        assert_eq!((found, more), (requirements.map(at).to_vec(), true));
         assert_eq!(
             calendar.between(at("2027-01-01T00:00:00Z"), at("2027-01-01T00:00:59Z"), 3),
             (vec![], false)
@@ -179,8 +177,8 @@ mod tests {
             ("30 5 * * *", "Europe/Berlim", "Europe/Berlin"),
             ("30 5 30 2 *", "UTC", "no such day comes"),
         ] {
-            let told = Calendar::new(pattern, zone).unwrap_err();
-            assert!(told.contains(words), "{told}");
+            let readiness = Calendar::new(pattern, zone).unwrap_err();
+            assert!(readiness.contains(words), "{readiness}");
         }
     }
 }

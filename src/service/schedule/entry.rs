@@ -1,4 +1,4 @@
-//! `[[serve.schedule]]` of the machine file: what is due when, and what must hold before it starts.
+//! `[[serve.schedule]]` of the machine file: when a cycle is due, and the conditions of its start.
 
 use std::time::Duration;
 
@@ -6,23 +6,23 @@ use serde::Deserialize;
 
 use super::calendar::Calendar;
 
-/// What a cycle of the schedule needs beyond the `demand` of `[serve]`. The machine tells it.
+/// Condition of a scheduled start beyond the `demand` of `[serve]`; the machine reports it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Need {
-    /// The probe is in the spindle and works.
+pub enum ReadinessCondition {
+    /// The probe is in the spindle and operational.
     Probe,
-    /// The artefact stands where the machine file says.
+    /// The artefact is at the position of the machine file.
     Artefact,
-    /// The machine and its surroundings are at the temperature that was agreed.
+    /// The machine and its surroundings are at the agreed temperature.
     Temperature,
 }
 
-/// When a run is on at the time of a slot.
+/// Behaviour if a run is in progress at the time of a slot.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Overlap {
-    /// Until the latest start.
+    /// Waits for the end of the run, until the latest start.
     #[default]
     Wait,
     Skip,
@@ -40,30 +40,30 @@ struct Keys {
     #[serde(default)]
     idle_min: u32,
     #[serde(default)]
-    ready: Vec<Need>,
+    ready: Vec<ReadinessCondition>,
     #[serde(default)]
     overlap: Overlap,
 }
 
-/// One schedule, found sound.
+/// One schedule, validated.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Entry {
     pub name: String,
     pub cycle: u16,
-    /// As it was written.
+    /// Pattern as written in the machine file.
     pub at: String,
     pub zone: String,
     pub calendar: Calendar,
-    /// After its time nothing starts any more.
+    /// Maximum delay of the start after the scheduled time.
     pub latest: Duration,
-    /// The control must have executed no program for so long.
+    /// Minimum time for which the control must have executed no program.
     pub idle: Duration,
-    pub ready: Vec<Need>,
+    pub ready: Vec<ReadinessCondition>,
     pub overlap: Overlap,
 }
 
-/// Of what a person or a timer asks to start as if it were on the schedule.
+/// Schedule name of starts that a person or a timer requests.
 pub const BY_CALL: &str = "due";
 
 fn latest_min() -> u32 {
@@ -95,10 +95,10 @@ impl TryFrom<Keys> for Entry {
     }
 }
 
-/// Each has a name of its own, and starts one of these `cycles`.
+/// Checks that each schedule has a unique name and starts one of `cycles`.
 ///
 /// # Errors
-/// Which has not.
+/// A schedule has the name of another one, or an unknown cycle.
 pub fn check(entries: &[Entry], cycles: &[u16]) -> Result<(), String> {
     for (index, Entry { name, cycle, .. }) in entries.iter().enumerate() {
         if !cycles.contains(cycle) {

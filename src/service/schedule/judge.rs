@@ -1,39 +1,41 @@
-//! Whether what is due may start: one answer from how things stand, without a look at anything else.
+//! Decision whether a due slot may start: a pure function of the current state.
 
 use std::time::Duration;
 
 use jiff::{SignedDuration, Timestamp};
 
-use super::entry::{Need, Overlap};
-use crate::service::board::Refusal;
+use super::entry::{Overlap, ReadinessCondition};
 use crate::service::config::Demand;
-use crate::service::rota::Told;
+use crate::service::machine_state::Refusal;
+use crate::service::schedule_state::Readiness;
 use crate::store::Arming;
 
-/// A clock that stands before an arming by more than this is not the clock that it was made by.
+/// Maximum time by which an arming may be later than the clock; beyond it, the clock was set back, and the arming is
+/// invalid.
 const SET_BACK: SignedDuration = SignedDuration::from_hours(1);
 
-/// What a start needs.
+/// Conditions of a start.
 #[derive(Debug, Clone)]
-pub struct Wanted<'a> {
+pub struct StartRequirements<'a> {
     pub demand: &'a [Demand],
-    pub ready: &'a [Need],
+    pub ready: &'a [ReadinessCondition],
     pub idle: Duration,
     pub overlap: Overlap,
     pub latest: Timestamp,
 }
 
-/// How things stand.
+/// Current state of the machine, for the decision.
 #[derive(Debug, Clone)]
-pub struct Standing<'a> {
+pub struct StartConditions<'a> {
     pub now: Timestamp,
-    /// What the desk would refuse a start for, just now.
+    /// Reason for which the gate would refuse a start now.
     pub refused: Option<Refusal>,
-    /// The last of this cycle.
+    /// Last arming of this cycle.
     pub arming: Option<&'a Arming>,
-    /// `None`: nobody tells anything just now.
-    pub told: Option<Told>,
-    /// So long it was told without a break that the control executes no program, and none of ours ran.
+    /// Readiness that the machine reports; `None` without a fresh report.
+    pub readiness: Option<Readiness>,
+    /// Time for which the machine has reported without a break that the control executes no program, and for which no
+    /// run of this service was in progress.
     pub idle: Option<Duration>,
 }
 
@@ -44,24 +46,26 @@ pub enum Decision {
     Skip(String),
 }
 
-pub fn judge(wanted: &Wanted<'_>, standing: &Standing<'_>) -> Decision {
+pub fn judge(requirements: &StartRequirements<'_>, standing: &StartConditions<'_>) -> Decision {
     if let Err(why) = armed(standing.arming, standing.now) {
         return Decision::Skip(why);
     }
-    let Some(why) = hindered(wanted, standing) else { return Decision::Start };
-    if standing.now > wanted.latest {
+    let Some(why) = unmet_condition(requirements, standing) else { return Decision::Start };
+    if standing.now > requirements.latest {
         return Decision::Skip(format!("its latest start is over: {why}"));
     }
     match standing.refused {
-        // Nobody will be there later either.
+        // Waiting does not help: no person will be at the machine later either.
         Some(Refusal::AsksPerson) => Decision::Skip(why),
-        Some(Refusal::Busy) if wanted.overlap == Overlap::Skip => Decision::Skip(why),
+        Some(Refusal::Busy) if requirements.overlap == Overlap::Skip => Decision::Skip(why),
         _ => Decision::Wait(why),
     }
 }
 
+/// Checks that the arming is valid at `now`.
+///
 /// # Errors
-/// Why it does not count.
+/// Why the arming is not valid.
 pub fn armed(arming: Option<&Arming>, now: Timestamp) -> Result<(), String> {
     let Some(arming) = arming else {
         return Err("nobody has armed this cycle for unattended motion".to_owned());
@@ -82,65 +86,77 @@ pub fn armed(arming: Option<&Arming>, now: Timestamp) -> Result<(), String> {
     }
 }
 
-fn hindered(wanted: &Wanted<'_>, standing: &Standing<'_>) -> Option<String> {
-    let Some(told) = standing.told else {
+fn unmet_condition(
+    requirements: &StartRequirements<'_>,
+    standing: &StartConditions<'_>,
+) -> Option<String> {
+    let Some(readiness) = standing.readiness else {
         return Some(match standing.refused {
-            None | Some(Refusal::Stale) => format!("not ready: nobody tells {}", names(wanted)),
+            None | Some(Refusal::Stale) => {
+                format!("not ready: nobody tells {}", names(requirements))
+            }
             Some(why) => format!("not ready: {why}"),
         });
     };
     if let Some(why) = standing.refused {
         return Some(format!("not ready: {why}"));
     }
-    let needs = wanted.ready.iter().find_map(|need| match need {
-        Need::Probe => (!told.probe).then_some("the probe (`probe`)"),
-        Need::Artefact => (!told.artefact).then_some("the artefact (`artefact`)"),
-        Need::Temperature => (!told.temperature).then_some("the temperature (`temperature`)"),
+    let needs = requirements.ready.iter().find_map(|need| match need {
+        ReadinessCondition::Probe => (!readiness.probe).then_some("the probe (`probe`)"),
+        ReadinessCondition::Artefact => {
+            (!readiness.artefact).then_some("the artefact (`artefact`)")
+        }
+        ReadinessCondition::Temperature => {
+            (!readiness.temperature).then_some("the temperature (`temperature`)")
+        }
     });
     if let Some(need) = needs {
         return Some(format!(
             "not ready: the machine does not tell that {need} is as it should be"
         ));
     }
-    rests(wanted.idle, standing.idle)
+    unmet_idle_time(requirements.idle, standing.idle)
 }
 
-fn rests(wanted: Duration, idle: Option<Duration>) -> Option<String> {
+fn unmet_idle_time(requirements: Duration, idle: Option<Duration>) -> Option<String> {
     let minutes = |span: Duration| span.as_secs() / 60;
     match idle {
-        _ if wanted.is_zero() => None,
+        _ if requirements.is_zero() => None,
         None => Some("not ready: the machine does not tell that it is idle (`idle`)".to_owned()),
-        Some(idle) if idle < wanted => {
-            Some(format!("not ready: idle for {} of {} minutes", minutes(idle), minutes(wanted)))
-        }
+        Some(idle) if idle < requirements => Some(format!(
+            "not ready: idle for {} of {} minutes",
+            minutes(idle),
+            minutes(requirements)
+        )),
         Some(_) => None,
     }
 }
 
-/// Everything that somebody would have to tell.
-fn names(wanted: &Wanted<'_>) -> String {
-    let demands = wanted.demand.iter().map(|demand| match demand {
+/// Names of all inputs that the machine would have to report.
+fn names(requirements: &StartRequirements<'_>) -> String {
+    let demands = requirements.demand.iter().map(|demand| match demand {
         Demand::Enable => "enable",
         Demand::Auto => "auto",
         Demand::Door => "door",
     });
-    let needs = wanted.ready.iter().map(|need| match need {
-        Need::Probe => "probe",
-        Need::Artefact => "artefact",
-        Need::Temperature => "temperature",
+    let needs = requirements.ready.iter().map(|need| match need {
+        ReadinessCondition::Probe => "probe",
+        ReadinessCondition::Artefact => "artefact",
+        ReadinessCondition::Temperature => "temperature",
     });
-    let idle = (!wanted.idle.is_zero()).then_some("idle");
+    let idle = (!requirements.idle.is_zero()).then_some("idle");
     demands.chain(needs).chain(idle).collect::<Vec<_>>().join(", ")
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::board::Said;
+    use crate::service::machine_state::Interlocks;
     use crate::store::RunId;
 
     const DEMAND: [Demand; 3] = [Demand::Enable, Demand::Auto, Demand::Door];
-    const READY: [Need; 3] = [Need::Probe, Need::Artefact, Need::Temperature];
+    const READY: [ReadinessCondition; 3] =
+        [ReadinessCondition::Probe, ReadinessCondition::Artefact, ReadinessCondition::Temperature];
     const IDLE: Duration = Duration::from_secs(20 * 60);
 
     fn at(text: &str) -> Timestamp {
@@ -160,33 +176,41 @@ mod tests {
         }
     }
 
-    fn told() -> Told {
-        let said =
-            Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
-        Told { said, probe: true, artefact: true, temperature: true, idle: true }
+    fn readiness() -> Readiness {
+        let interlocks = Interlocks {
+            fresh: true,
+            enable: true,
+            auto: true,
+            door: true,
+            stop: false,
+            person: false,
+        };
+        Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true }
     }
 
-    /// Everything as it should be, at 05:30 in Berlin, but for what `change` does.
-    fn decided(change: impl FnOnce(&mut Wanted<'_>, &mut Standing<'_>, &mut Arming)) -> Decision {
-        let (mut arming, mut wanted, mut standing) = (
+    /// Decision with all conditions met at 05:30 in Berlin, after `change`.
+    fn decided(
+        change: impl FnOnce(&mut StartRequirements<'_>, &mut StartConditions<'_>, &mut Arming),
+    ) -> Decision {
+        let (mut arming, mut requirements, mut standing) = (
             arming(),
-            Wanted {
+            StartRequirements {
                 demand: &DEMAND,
                 ready: &READY,
                 idle: IDLE,
                 overlap: Overlap::Wait,
                 latest: at("2026-11-23T05:00:00Z"),
             },
-            Standing {
+            StartConditions {
                 now: at("2026-11-23T04:30:00Z"),
                 refused: None,
                 arming: None,
-                told: Some(told()),
+                readiness: Some(readiness()),
                 idle: Some(IDLE),
             },
         );
-        change(&mut wanted, &mut standing, &mut arming);
-        judge(&wanted, &Standing { arming: Some(&arming), ..standing })
+        change(&mut requirements, &mut standing, &mut arming);
+        judge(&requirements, &StartConditions { arming: Some(&arming), ..standing })
     }
 
     fn words(decision: Decision) -> (char, String) {
@@ -200,23 +224,23 @@ mod tests {
     #[test]
     fn it_starts_when_all_is_told_and_armed() {
         assert_eq!(decided(|_, _, _| {}), Decision::Start);
-        let latest = decided(|wanted, standing, _| standing.now = wanted.latest);
+        let latest = decided(|requirements, standing, _| standing.now = requirements.latest);
         assert_eq!(latest, Decision::Start);
     }
 
     #[test]
     fn each_condition_that_does_not_hold_is_waited_for_and_named() {
-        type Change = fn(&mut Told);
+        type Change = fn(&mut Readiness);
         let cases: [(Change, &str); 3] = [
-            (|told| told.probe = false, "`probe`"),
-            (|told| told.artefact = false, "`artefact`"),
-            (|told| told.temperature = false, "`temperature`"),
+            (|readiness| readiness.probe = false, "`probe`"),
+            (|readiness| readiness.artefact = false, "`artefact`"),
+            (|readiness| readiness.temperature = false, "`temperature`"),
         ];
         for (change, name) in cases {
             let (kind, why) = words(decided(|_, standing, _| {
-                let mut told = told();
-                change(&mut told);
-                standing.told = Some(told);
+                let mut readiness = readiness();
+                change(&mut readiness);
+                standing.readiness = Some(readiness);
             }));
             assert!(kind == 'w' && why.contains(name), "{kind} {why}");
         }
@@ -234,8 +258,8 @@ mod tests {
 
     #[test]
     fn what_nobody_tells_is_not_assumed() {
-        let nobody = |standing: &mut Standing<'_>| {
-            (standing.told, standing.idle) = (None, None);
+        let nobody = |standing: &mut StartConditions<'_>| {
+            (standing.readiness, standing.idle) = (None, None);
             standing.refused = Some(Refusal::Stale);
         };
         let (kind, why) = words(decided(|_, standing, _| nobody(standing)));
@@ -245,10 +269,10 @@ mod tests {
 
     #[test]
     fn after_the_latest_start_nothing_starts_and_why_not_is_told() {
-        let (kind, why) = words(decided(|wanted, standing, _| {
+        let (kind, why) = words(decided(|requirements, standing, _| {
             standing.now = at("2026-11-23T05:00:01Z");
             standing.refused = Some(Refusal::DoorOpen);
-            wanted.overlap = Overlap::Wait;
+            requirements.overlap = Overlap::Wait;
         }));
         assert_eq!(
             (kind, why.as_str()),
@@ -259,16 +283,16 @@ mod tests {
     #[test]
     fn a_run_that_is_on_is_waited_for_or_not() {
         let busy = |overlap| {
-            let (kind, why) = words(decided(|wanted, standing, _| {
-                (wanted.overlap, standing.refused) = (overlap, Some(Refusal::Busy));
+            let (kind, why) = words(decided(|requirements, standing, _| {
+                (requirements.overlap, standing.refused) = (overlap, Some(Refusal::Busy));
             }));
             assert!(why.contains("a run is on"), "{why}");
             kind
         };
         assert_eq!([busy(Overlap::Wait), busy(Overlap::Skip)], ['w', 's']);
-        // Too soon after its end: in a moment it may.
-        let soon = decided(|wanted, standing, _| {
-            (wanted.overlap, standing.refused) = (Overlap::Skip, Some(Refusal::TooSoon));
+        // The minimum interval after the end of the run is not over yet: a later start is possible.
+        let soon = decided(|requirements, standing, _| {
+            (requirements.overlap, standing.refused) = (Overlap::Skip, Some(Refusal::TooSoon));
         });
         assert_eq!(words(soon).0, 'w');
     }

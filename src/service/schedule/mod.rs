@@ -1,16 +1,16 @@
-//! What is due starts, if somebody has armed it and the machine tells that it is ready; else it is said
-//! why not.
+//! A due cycle starts if a person has armed it and the machine reports that it is ready; otherwise the reason is
+//! recorded.
 //!
-//! [`window`](self::window::window) says what a look at the clock finds, [`judge`](self::judge::judge)
-//! whether it may start: both are functions of what they are given. The [`Keeper`] looks once a second, on a
-//! thread of its own, so that it does not matter whether the clock was set or the computer slept
-//! meanwhile. What became of a slot is in the journal before anything moves.
+//! [`window`](self::window::window) finds the due slots, and [`judge`](self::judge::judge) decides whether a slot
+//! may start; both are pure functions. The [`Scheduler`] checks the clock once a second, on its own thread, so that
+//! a clock that was set or a computer that slept does no harm. The outcome of a slot is in the journal before the
+//! machine moves.
 
-mod books;
 pub mod calendar;
 pub mod entry;
 mod judge;
-mod keeper;
+mod records;
+mod scheduler;
 #[cfg(test)]
 mod tests;
 mod window;
@@ -22,65 +22,66 @@ use std::time::Duration;
 use jiff::Timestamp;
 
 use self::entry::Entry;
-use self::keeper::Keeper;
-pub use self::keeper::planned;
+use self::scheduler::Scheduler;
+pub use self::scheduler::planned;
+use super::command_gate::CommandGate;
 use super::config::Demand;
-use super::desk::Desk;
-use super::rota::Call;
+use super::schedule_state::DueRequest;
 use super::{Log, ServeError};
 use crate::store::Journal;
 use link::Clock;
 use link::clock::HostClock;
 
-/// How often the clock is looked at.
+/// Period of the clock checks.
 const TICK: Duration = Duration::from_secs(1);
 
-/// Keep the schedule of `machine`, whose lock is held, until the desk ends. What an earlier service left is
-/// written down when this returns.
+/// Runs the schedule of `machine`, whose lock is held, until the gate ends. On return, the slots that an earlier
+/// service left are recorded.
 ///
 /// # Errors
-/// A journal that cannot be written; no thread.
+/// The journal cannot be written, or the thread cannot be started.
 pub fn start(
     machine: &str,
     (entries, demand): (&[Entry], &[Demand]),
-    desk: &Desk,
+    gate: &CommandGate,
     journal: &Arc<Journal>,
     log: &Log,
 ) -> Result<(), ServeError> {
-    let (calls, todo) = channel();
-    desk.rota().listens(calls);
+    let (due_requests, todo) = channel();
+    gate.schedule_state().set_due_requests(due_requests);
     let (machine, entries, demand) = (machine.to_owned(), entries.to_vec(), demand.to_vec());
-    let (desk, journal, log) = (desk.clone(), Arc::clone(journal), log.clone());
+    let (gate, journal, log) = (gate.clone(), Arc::clone(journal), log.clone());
     let (begun, begins) = channel();
-    let keep = move || match Keeper::begin(&machine, (&entries, &demand), &desk, &journal, &log) {
-        Ok(keeper) => {
+    let keep = move || match Scheduler::begin(&machine, (&entries, &demand), &gate, &journal, &log)
+    {
+        Ok(scheduler) => {
             let _ = begun.send(Ok(()));
-            attend(keeper, &todo);
+            attend(scheduler, &todo);
         }
         Err(error) => drop(begun.send(Err(error))),
     };
-    // The journal is waited for on a thread without a runtime.
+    // The scheduler blocks on the journal, so it needs a thread without a tokio runtime.
     let thread = std::thread::Builder::new().name("schedule".to_owned()).spawn(keep);
     thread.map_err(ServeError::Thread)?;
     let died = || ServeError::Thread(std::io::Error::other("that of the schedule has died"));
     Ok(begins.recv().map_err(|_| died())??)
 }
 
-fn attend(mut keeper: Keeper, calls: &Receiver<Call>) {
+fn attend(mut scheduler: Scheduler, due_requests: &Receiver<DueRequest>) {
     let clock = HostClock::start();
     loop {
-        let call = match calls.recv_timeout(TICK) {
+        let call = match due_requests.recv_timeout(TICK) {
             Ok(call) => Some(call),
             Err(RecvTimeoutError::Timeout) => None,
             Err(RecvTimeoutError::Disconnected) => return,
         };
-        if keeper.ends() {
+        if scheduler.ends() {
             return;
         }
         let (now, now_s) = (Timestamp::now(), clock.now_s());
-        keeper.look(now, now_s);
+        scheduler.check_schedules(now, now_s);
         if let Some(call) = call {
-            keeper.called(call, now);
+            scheduler.called(call, now);
         }
     }
 }

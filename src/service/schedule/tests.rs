@@ -1,19 +1,19 @@
-//! The keeper over a real desk and a real journal, on a clock that the test sets. What the daemon does of
-//! it, on a clock that is set under it, is in `tests/program/schedule/`.
+//! Tests of the scheduler with a real gate and a real journal, on a simulated clock. The daemon's behaviour when its
+//! clock is set is tested in `tests/program/schedule/`.
 
 use std::sync::{Arc, Mutex};
 
 use tokio::sync::mpsc::Receiver;
 use tokio::sync::oneshot;
 
-use super::keeper::Keeper;
+use super::scheduler::Scheduler;
 use super::*;
 use crate::run::Rehearsed;
-use crate::service::ask::Ask;
-use crate::service::board::{Refusal, Said, State};
 use crate::service::config::Config;
+use crate::service::machine_state::{Interlocks, Refusal, State};
 use crate::service::metrics::Metrics;
-use crate::service::rota::{Planned, Told};
+use crate::service::schedule_state::{Planned, Readiness};
+use crate::service::worker_command::WorkerCommand;
 use crate::store::{Arming, Outcome};
 
 const MACHINE: &str = "the mill";
@@ -21,11 +21,11 @@ const MACHINE: &str = "the mill";
 struct Bench {
     folder: tempfile::TempDir,
     journal: Arc<Journal>,
-    desk: Desk,
-    asks: Receiver<Ask>,
-    keeper: Keeper,
-    told: Arc<Mutex<Told>>,
-    /// Of the clock that nobody sets.
+    gate: CommandGate,
+    asks: Receiver<WorkerCommand>,
+    scheduler: Scheduler,
+    readiness: Arc<Mutex<Readiness>>,
+    /// Monotonic clock, s.
     now_s: f64,
 }
 
@@ -47,13 +47,19 @@ fn config() -> Config {
     .unwrap()
 }
 
-fn ready() -> Told {
-    let said =
-        Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
-    Told { said, idle: true, probe: true, ..Told::default() }
+fn ready() -> Readiness {
+    let interlocks = Interlocks {
+        fresh: true,
+        enable: true,
+        auto: true,
+        door: true,
+        stop: false,
+        person: false,
+    };
+    Readiness { interlocks, idle: true, probe: true, ..Readiness::default() }
 }
 
-/// A new service on the journal in `folder`; since when its schedule is known.
+/// A new service on the journal in `folder`. `since`: time since which its schedule is known.
 fn open(folder: tempfile::TempDir, since: Option<&str>) -> Bench {
     let journal = Arc::new(Journal::open(folder.path()).unwrap());
     if let Some(since) = since {
@@ -61,17 +67,18 @@ fn open(folder: tempfile::TempDir, since: Option<&str>) -> Bench {
         journal.schedules(MACHINE, known, at(since)).wait().unwrap();
     }
     let log: Log = Log::new(|_, _| {});
-    let (desk, asks) = Desk::new(&config(), log.clone(), Metrics::default().of(MACHINE));
-    desk.becomes(State::Waiting);
-    let told = Arc::new(Mutex::new(ready()));
-    let teller = Arc::clone(&told);
-    desk.rota().tells(move || *teller.lock().unwrap());
+    let (gate, asks) = CommandGate::new(&config(), log.clone(), Metrics::default().of(MACHINE));
+    gate.finish_command(State::Waiting);
+    let readiness = Arc::new(Mutex::new(ready()));
+    let source = Arc::clone(&readiness);
+    gate.schedule_state().add_readiness_source(move || *source.lock().unwrap());
     let demand = config().demand;
-    let keeper = Keeper::begin(MACHINE, (&entries(), &demand), &desk, &journal, &log).unwrap();
-    Bench { folder, journal, desk, asks, keeper, told, now_s: 0.0 }
+    let scheduler =
+        Scheduler::begin(MACHINE, (&entries(), &demand), &gate, &journal, &log).unwrap();
+    Bench { folder, journal, gate, asks, scheduler, readiness, now_s: 0.0 }
 }
 
-/// Armed for a week from the 22nd of November 2026 on; each day at 04:30 UTC.
+/// Armed for a week from 22 November 2026; due each day at 04:30 UTC.
 fn bench() -> Bench {
     let bench = open(tempfile::tempdir().unwrap(), Some("2026-11-22T12:00:00Z"));
     bench.arm("2026-11-22T12:00:00Z");
@@ -94,18 +101,18 @@ impl Bench {
         self.journal.arm(&arming).wait().unwrap();
     }
 
-    /// Look every 30 s of both clocks, `from` on.
+    /// Checks every 30 s of both clocks, starting at `from`.
     fn looks(&mut self, from: &str, times: i32) {
         for step in 0..times {
             let now = at(from) + jiff::SignedDuration::from_secs((30 * step).into());
             self.now_s += 30.0;
-            self.keeper.look(now, self.now_s);
+            self.scheduler.check_schedules(now, self.now_s);
         }
     }
 
     fn starts(&mut self) -> usize {
         std::iter::from_fn(|| self.asks.try_recv().ok())
-            .filter(|ask| matches!(ask, Ask::Start { .. }))
+            .filter(|ask| matches!(ask, WorkerCommand::Start { .. }))
             .count()
     }
 
@@ -120,15 +127,15 @@ impl Bench {
         assert!((at.as_str(), *became) == (day, outcome) && words.contains(why), "{slots:?}");
     }
 
-    /// The power goes, and comes back.
+    /// Simulates a power cut and a restart.
     fn again(self) -> Self {
-        let Self { folder, journal, keeper, desk, .. } = self;
-        drop((keeper, desk, journal));
+        let Self { folder, journal, scheduler, gate, .. } = self;
+        drop((scheduler, gate, journal));
         open(folder, None)
     }
 
     fn planned(&self) -> Planned {
-        self.desk.rota().planned().remove(0)
+        self.gate.schedule_state().planned().remove(0)
     }
 }
 
@@ -141,11 +148,11 @@ fn what_is_due_and_armed_and_ready_starts_once() {
     bench.one("23T04:30", Outcome::Started, "");
     bench.looks("2026-11-23T04:30:30Z", 10);
     assert_eq!(bench.starts(), 0);
-    // It failed before it had a run: nothing starts any more until it is armed anew.
-    bench.desk.ended(State::Failed, None);
+    // The cycle failed before it had a run: nothing starts until it is armed again.
+    bench.gate.ended(State::Failed, None);
     bench.looks("2026-11-23T04:36:00Z", 1);
     bench.one("23T04:30", Outcome::Failed, "before it had a run");
-    bench.desk.becomes(State::Waiting);
+    bench.gate.finish_command(State::Waiting);
     bench.looks("2026-11-24T04:25:00Z", 20);
     assert_eq!(bench.starts(), 0);
     let slots = bench.slots();
@@ -162,7 +169,7 @@ fn what_nobody_has_armed_does_not_start() {
     let mut bench = open(tempfile::tempdir().unwrap(), Some("2026-11-22T12:00:00Z"));
     bench.looks("2026-11-23T04:20:00Z", 21);
     bench.one("23T04:30", Outcome::Skipped, "nobody has armed");
-    // An arming that comes after its time moves nothing.
+    // An arming after the slot's time starts nothing.
     bench.arm("2026-11-23T04:31:00Z");
     bench.looks("2026-11-23T04:31:00Z", 60);
     assert_eq!((bench.starts(), bench.slots().len()), (0, 1));
@@ -171,19 +178,19 @@ fn what_nobody_has_armed_does_not_start() {
 #[test]
 fn what_is_not_ready_waits_and_is_skipped_after_its_latest_start() {
     let mut bench = bench();
-    bench.told.lock().unwrap().said.door = false;
+    bench.readiness.lock().unwrap().interlocks.door = false;
     bench.looks("2026-11-23T04:20:00Z", 40);
     assert_eq!(bench.slots(), [], "it waits");
     assert!(bench.planned().waiting.unwrap().contains("a guard is open"));
     bench.looks("2026-11-23T04:40:00Z", 50);
     bench.one("23T04:30", Outcome::Skipped, "latest start is over: not ready: a guard is open");
-    bench.told.lock().unwrap().said.door = true;
+    bench.readiness.lock().unwrap().interlocks.door = true;
     bench.looks("2026-11-23T05:05:00Z", 20);
     assert_eq!(bench.starts(), 0);
-    // The next day the door is closed ten minutes later, and the machine has been idle before.
-    bench.told.lock().unwrap().said.door = false;
+    // The next day, the door closes ten minutes after the slot's time; the machine has been idle before.
+    bench.readiness.lock().unwrap().interlocks.door = false;
     bench.looks("2026-11-24T04:29:00Z", 20);
-    bench.told.lock().unwrap().said.door = true;
+    bench.readiness.lock().unwrap().interlocks.door = true;
     bench.looks("2026-11-24T04:39:00Z", 1);
     assert_eq!(bench.starts(), 1);
 }
@@ -192,17 +199,17 @@ fn what_is_not_ready_waits_and_is_skipped_after_its_latest_start() {
 fn a_machine_that_worked_just_now_is_waited_for() {
     let mut bench = bench();
     bench.looks("2026-11-23T04:20:00Z", 19);
-    bench.told.lock().unwrap().idle = false;
+    bench.readiness.lock().unwrap().idle = false;
     bench.looks("2026-11-23T04:29:30Z", 2);
-    bench.told.lock().unwrap().idle = true;
+    bench.readiness.lock().unwrap().idle = true;
     bench.looks("2026-11-23T04:30:30Z", 4);
     assert_eq!(bench.starts(), 0, "for a minute and a half");
     assert!(bench.planned().waiting.unwrap().contains("idle for 1 of 2 minutes"));
     bench.looks("2026-11-23T04:32:30Z", 1);
     assert_eq!(bench.starts(), 1);
-    // What nobody tells is not assumed.
+    // Without a report, the conditions do not hold.
     let mut silent = self::bench();
-    silent.told.lock().unwrap().said.fresh = false;
+    silent.readiness.lock().unwrap().interlocks.fresh = false;
     silent.looks("2026-11-23T04:20:00Z", 100);
     silent.one("23T04:30", Outcome::Skipped, "nobody tells enable, auto, door, probe, idle");
 }
@@ -210,12 +217,12 @@ fn a_machine_that_worked_just_now_is_waited_for() {
 #[test]
 fn a_manual_run_is_waited_for() {
     let mut bench = bench();
-    bench.desk.start(1, ready().said, "Ada").unwrap();
+    bench.gate.start(1, ready().interlocks, "Ada").unwrap();
     assert_eq!(bench.starts(), 1);
     bench.looks("2026-11-23T04:20:00Z", 40);
     assert_eq!(bench.starts(), 0);
     assert!(bench.planned().waiting.unwrap().contains("a run is on"));
-    bench.desk.ended(State::Waiting, None);
+    bench.gate.ended(State::Waiting, None);
     bench.looks("2026-11-23T04:40:00Z", 6);
     assert_eq!(bench.starts(), 1, "two minutes after its end");
     bench.one("23T04:30", Outcome::Started, "");
@@ -227,11 +234,11 @@ fn a_clock_that_is_set_back_in_mid_run_starts_nothing_twice() {
     bench.looks("2026-11-23T04:20:00Z", 24);
     assert_eq!(bench.starts(), 1);
     bench.looks("2026-11-23T04:10:00Z", 30);
-    bench.desk.ended(State::Waiting, None);
+    bench.gate.ended(State::Waiting, None);
     bench.looks("2026-11-23T04:25:00.4Z", 30);
     assert_eq!(bench.starts(), 0);
     bench.one("23T04:30", Outcome::Failed, "before it had a run");
-    // Nor after the power was away meanwhile.
+    // The same holds after a power cut.
     let mut bench = bench.again();
     bench.arm("2026-11-22T12:00:00Z");
     bench.looks("2026-11-23T04:10:00.4Z", 60);
@@ -258,7 +265,7 @@ fn what_a_power_cut_took_is_missed_and_does_not_run() {
     bench.looks("2026-11-23T04:30:10Z", 60);
     assert_eq!(bench.starts(), 0);
     bench.one("23T04:30", Outcome::Missed, "no service was there");
-    // In the run that the schedule started: it is told, and not run again.
+    // A power cut during the run that the schedule started: it is recorded as failed and not run again.
     bench.looks("2026-11-24T04:25:00Z", 12);
     assert_eq!(bench.starts(), 1);
     let mut bench = bench.again();
@@ -273,48 +280,48 @@ fn a_call_is_judged_alike_and_counts_once() {
     let mut bench = bench();
     let call = |bench: &mut Bench, now: &str| {
         bench.now_s += 70.0;
-        bench.keeper.look(at(now), bench.now_s);
-        let (answer, mut told) = oneshot::channel();
-        bench.keeper.called(Call { cycle: 1, who: "timer".to_owned(), answer }, at(now));
-        told.try_recv().unwrap()
+        bench.scheduler.check_schedules(at(now), bench.now_s);
+        let (answer, mut readiness) = oneshot::channel();
+        bench.scheduler.called(DueRequest { cycle: 1, who: "timer".to_owned(), answer }, at(now));
+        readiness.try_recv().unwrap()
     };
-    bench.told.lock().unwrap().said.auto = false;
+    bench.readiness.lock().unwrap().interlocks.auto = false;
     let refused = call(&mut bench, "2026-11-23T04:00:00.3Z").unwrap_err();
     assert!(refused.contains("automatic mode"), "{refused}");
-    bench.told.lock().unwrap().said.auto = true;
-    // What its schedules wait for counts for a call as well.
-    bench.told.lock().unwrap().probe = false;
+    bench.readiness.lock().unwrap().interlocks.auto = true;
+    // The conditions of the cycle's schedules apply to a call too.
+    bench.readiness.lock().unwrap().probe = false;
     let refused = call(&mut bench, "2026-11-23T04:00:10Z").unwrap_err();
     assert!(refused.contains("probe"), "{refused}");
-    bench.told.lock().unwrap().probe = true;
+    bench.readiness.lock().unwrap().probe = true;
     bench.now_s -= 60.0;
     let refused = call(&mut bench, "2026-11-23T04:00:20Z").unwrap_err();
     assert!(refused.contains("idle for 1 of 2"), "{refused}");
     assert_eq!(call(&mut bench, "2026-11-23T04:01:00.7Z"), Ok(()));
     assert_eq!(bench.starts(), 1);
-    bench.desk.ended(State::Waiting, None);
+    bench.gate.ended(State::Waiting, None);
     bench.arm("2026-11-22T12:00:00Z");
-    // The clock is set back, the timer elapses again.
+    // The clock is set back, and the timer expires again.
     for now in ["2026-11-23T03:50:00Z", "2026-11-23T04:00:59Z", "2026-11-23T04:05:59Z"] {
         let refused = call(&mut bench, now).unwrap_err();
         assert!(refused.contains("started already"), "{refused}");
     }
-    let told: Vec<_> = bench.slots().into_iter().map(|(_, outcome, _)| outcome).collect();
-    assert_eq!(told.iter().filter(|outcome| **outcome == Outcome::Skipped).count(), 6);
+    let readiness: Vec<_> = bench.slots().into_iter().map(|(_, outcome, _)| outcome).collect();
+    assert_eq!(readiness.iter().filter(|outcome| **outcome == Outcome::Skipped).count(), 6);
     bench.arm("2026-11-22T12:00:00Z");
     assert_eq!(call(&mut bench, "2026-11-23T04:07:00Z"), Ok(()));
 }
 
-/// A cycle that asks a person: at its time and by a trigger nothing starts; somebody at the page may.
+/// A cycle with a prompt starts neither by the schedule nor by a trigger; a person at the page may start it.
 #[test]
 fn regress_where_nobody_is_there_nothing_starts_that_asks_a_person() {
     let mut bench = bench();
-    bench.desk.rehearsed([(1, Rehearsed { machine_s: 60.0, asks: true })].into());
+    bench.gate.rehearsed([(1, Rehearsed { machine_s: 60.0, asks: true })].into());
     bench.looks("2026-11-23T04:20:00Z", 30);
     assert_eq!(bench.starts(), 0);
     let last = bench.journal.slots(MACHINE, 1).unwrap().remove(0);
     assert!(last.outcome == Outcome::Skipped && last.why.contains("asks a person"), "{last:?}");
-    assert_eq!(bench.desk.start(1, ready().said, "a button"), Err(Refusal::AsksPerson));
-    bench.desk.start(1, Said { person: true, ..ready().said }, "Ada").unwrap();
+    assert_eq!(bench.gate.start(1, ready().interlocks, "a button"), Err(Refusal::AsksPerson));
+    bench.gate.start(1, Interlocks { person: true, ..ready().interlocks }, "Ada").unwrap();
     assert_eq!(bench.starts(), 1);
 }

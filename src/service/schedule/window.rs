@@ -1,27 +1,27 @@
-//! What a look at the clock finds. The clock may have been set, and nobody may have looked for long.
+//! Slots between two checks of the clock. The clock may have been set, and the checks may have paused for long.
 
 use jiff::{SignedDuration, Timestamp};
 
 use super::calendar::Calendar;
 
-/// What is found later than this after its time was missed, although the service was there.
-const IN_TIME: SignedDuration = SignedDuration::from_mins(1);
-/// As many are told one by one.
+/// Maximum delay of a check after a slot's time; beyond it, the slot is missed, although the service was running.
+const MAX_START_DELAY: SignedDuration = SignedDuration::from_mins(1);
+/// Maximum number of missed slots that are reported one by one.
 const MOST: usize = 50;
 
 #[derive(Debug, Default, PartialEq)]
 pub struct Window {
-    /// Oldest first; the newest of them, where there are `more`.
+    /// Missed slots, oldest first; only the newest of them if `more` is set.
     pub missed: Vec<Timestamp>,
     pub more: bool,
     pub due: Option<Timestamp>,
 }
 
-/// `looked`: when this was asked before, `None` for the first time since the service began. `seen`: up to
-/// which slot the journal knows.
+/// Slots since the last check. `looked`: time of the last check, `None` for the first since the service began.
+/// `seen`: last slot that the journal has recorded.
 ///
-/// What came while no service was there is missed, however short ago: nothing runs because the power
-/// came back. A clock that was set back finds its slots once more: whoever asks knows which of them ran.
+/// A slot whose time came while no service was running is missed, however short ago: nothing starts because the
+/// power returned. After the clock was set back, slots are found again; the caller knows which of them ran.
 pub fn window(
     calendar: &Calendar,
     looked: Option<Timestamp>,
@@ -30,12 +30,12 @@ pub fn window(
 ) -> Window {
     let from = match looked {
         None => seen,
-        // Step by step. What comes once more after the clock was set back is known by its slot.
-        Some(last) if now.duration_since(last) <= IN_TIME => last,
+        // The checks were at most [`MAX_START_DELAY`] apart. The caller detects slots repeated by a clock set back.
+        Some(last) if now.duration_since(last) <= MAX_START_DELAY => last,
         Some(last) => last.max(seen),
     };
     let (mut missed, more) = calendar.between(from, now, MOST);
-    let in_time = |at: &Timestamp| now.duration_since(*at) <= IN_TIME;
+    let in_time = |at: &Timestamp| now.duration_since(*at) <= MAX_START_DELAY;
     let due = missed.last().copied().filter(|at| looked.is_some() && in_time(at));
     if due.is_some() {
         missed.pop();
@@ -49,7 +49,7 @@ mod tests {
 
     const SEEN: &str = "2026-11-23T04:30:00Z";
 
-    /// Each day at 05:30 in Berlin, 04:30 UTC; that of the 23rd is seen to.
+    /// Schedule: each day at 05:30 in Berlin, 04:30 UTC; the slot of the 23rd is recorded.
     fn found(looked: Option<&str>, now: &str) -> (Vec<String>, Option<String>) {
         let calendar = Calendar::new("30 5 * * *", "Europe/Berlin").unwrap();
         let at = |text: &str| text.parse::<Timestamp>().unwrap();
@@ -97,7 +97,7 @@ mod tests {
         assert_eq!(found(Some("2026-11-23T04:29:59Z"), "2026-11-23T04:30:00Z"), again);
         assert_eq!(found(Some("2026-11-23T04:29:59.7Z"), "2026-11-23T04:30:00.7Z"), again);
         assert_eq!(found(Some("2026-11-23T04:00:00Z"), "2026-11-23T04:40:00Z"), none());
-        // From far back forward over what is seen to: that is not missed.
+        // The clock goes from far back forward over a recorded slot: that slot is not missed.
         assert_eq!(found(Some("1970-01-01T00:00:00Z"), "2026-11-23T05:00:00Z"), none());
         assert_eq!(found(None, "1970-01-01T00:00:00Z"), none());
     }

@@ -1,7 +1,7 @@
-//! A line of text, for whatever has a serial port: `START 1 ENABLE AUTO DOOR`, `STOP`, `ACK`, `STATE`.
-//! What the machine says of itself stands in the line that asks, and is as fresh as the line; `TELL ENABLE
-//! AUTO DOOR IDLE` says it for a schedule, which asks when nobody presses a button. Each
-//! line gets one answer; that of a start comes when the run has its number.
+//! Text line protocol for any device with a serial port: `START 1 ENABLE AUTO DOOR`, `STOP`, `ACK`, `STATE`.
+//! The interlocks are in the line of the request and are as fresh as the line. `TELL ENABLE AUTO DOOR IDLE` reports
+//! them for a schedule, which starts without a request. Each line gets one response; that of a start is sent when
+//! the run has its number.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -9,30 +9,30 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use crate::service::Log;
-use crate::service::ask::Looked;
-use crate::service::board::{Refusal, Said, State};
-use crate::service::desk::Desk;
-use crate::service::rota::Told;
+use crate::service::command_gate::CommandGate;
+use crate::service::machine_state::{Interlocks, Refusal, State};
+use crate::service::schedule_state::Readiness;
+use crate::service::worker_command::Inspection;
 use link::{Link, LinkError, Named, Received};
 
-/// How long a port that has gone is left alone.
+/// Time before a lost port is opened again.
 const AGAIN: Duration = Duration::from_secs(2);
-/// How often a run that begins is looked for.
+/// Time between two checks whether a started run has its number.
 const POLL: Duration = Duration::from_millis(20);
 const BY: &str = "the line";
-/// What was told counts for so long.
+/// Time for which a `TELL` stays valid.
 const FRESH: Duration = Duration::from_secs(10);
 
-/// What the line has told last, and when.
-type Last = Arc<Mutex<Option<(Instant, Told)>>>;
+/// Time and content of the last `TELL`.
+type Last = Arc<Mutex<Option<(Instant, Readiness)>>>;
 
-/// For ever: a port that is lost is opened again.
-pub async fn attend(named: Named, desk: Desk, log: Log) {
+/// Never returns: a lost port is opened again.
+pub async fn attend(named: Named, gate: CommandGate, log: Log) {
     let mut last = String::new();
     let told = Last::default();
     loop {
-        if let Err(error) = listen(&named, &desk, &told).await {
-            // Once, not every two seconds.
+        if let Err(error) = listen(&named, &gate, &told).await {
+            // An error is logged once, not at every attempt.
             let told = error.to_string();
             if told != last {
                 log.fault(&format!("the trigger line: {told}"));
@@ -43,22 +43,23 @@ pub async fn attend(named: Named, desk: Desk, log: Log) {
     }
 }
 
-fn fresh(last: &Last) -> Told {
+fn fresh(last: &Last) -> Readiness {
     let told = *last.lock().unwrap_or_else(PoisonError::into_inner);
-    told.filter(|(when, _)| when.elapsed() <= FRESH).map_or_else(Told::default, |(_, told)| told)
+    told.filter(|(when, _)| when.elapsed() <= FRESH)
+        .map_or_else(Readiness::default, |(_, told)| told)
 }
 
-async fn listen(named: &Named, desk: &Desk, told: &Last) -> Result<(), LinkError> {
+async fn listen(named: &Named, gate: &CommandGate, told: &Last) -> Result<(), LinkError> {
     let mut link = link::open(&named.address()?).await?;
     let mut begins = false;
     loop {
         if let Some(received) = link.recv_deadline(Instant::now() + POLL).await? {
-            begins |= answer(&received, &mut link, desk, told)?;
+            begins |= answer(&received, &mut link, gate, told)?;
         }
-        let board = desk.board();
-        if begins && (board.run > 0 || board.state != State::Running) {
+        let machine_state = gate.machine_state();
+        if begins && (machine_state.run > 0 || machine_state.state != State::Running) {
             begins = false;
-            link.send_line(&match board.run {
+            link.send_line(&match machine_state.run {
                 0 => "FAILED before the run began".to_owned(),
                 run => format!("OK run {run}"),
             })?;
@@ -66,11 +67,11 @@ async fn listen(named: &Named, desk: &Desk, told: &Last) -> Result<(), LinkError
     }
 }
 
-/// Whether a run begins now; its answer is owed.
+/// Returns whether a run begins, so that its response is still to be sent.
 fn answer(
     received: &Received,
     link: &mut Link,
-    desk: &Desk,
+    gate: &CommandGate,
     told: &Last,
 ) -> Result<bool, LinkError> {
     let Received::Line(line) = received else { return Ok(false) };
@@ -79,52 +80,55 @@ fn answer(
     let said = match words.as_slice() {
         [] => return Ok(false),
         ["START", cycle, said @ ..] => match (cycle.parse(), inputs(said)) {
-            (Ok(cycle), Some(said)) => match desk.start(cycle, said, BY) {
+            (Ok(cycle), Some(said)) => match gate.start(cycle, said, BY) {
                 Ok(()) => return Ok(true),
                 Err(why) => format!("REFUSED {why}"),
             },
-            _ => unreadable(desk),
+            _ => unreadable(gate),
         },
         ["TELL", words @ ..] => match tells(words) {
             Some(now) => {
                 let mut last = told.lock().unwrap_or_else(PoisonError::into_inner);
-                // A line of buttons alone tells nothing; one that has told is waited for.
+                // The first `TELL` makes the line a source of readiness; a line that sends only commands is not one.
                 if last.replace((Instant::now(), now)).is_none() {
                     let told = Arc::clone(told);
-                    desk.rota().tells(move || fresh(&told));
+                    gate.schedule_state().add_readiness_source(move || fresh(&told));
                 }
                 "OK".to_owned()
             }
-            None => unreadable(desk),
+            None => unreadable(gate),
         },
         ["STOP"] => {
-            let _ = desk.stop(BY);
+            let _ = gate.stop(BY);
             "OK".to_owned()
         }
         ["ACK"] => {
-            // Why not stands on the board.
-            let _ = desk.acknowledge(Looked { who: BY, ..Looked::default() });
+            // The reason of a refusal is in the machine state.
+            let _ = gate.acknowledge(Inspection { who: BY, ..Inspection::default() });
             "OK".to_owned()
         }
         ["STATE"] => {
-            let board = desk.board();
-            let word = format!("{:?}", board.state).to_uppercase();
-            format!("{word} cycle {} run {} {} %", board.cycle, board.run, board.progress_percent)
+            let machine_state = gate.machine_state();
+            let word = format!("{:?}", machine_state.state).to_uppercase();
+            format!(
+                "{word} cycle {} run {} {} %",
+                machine_state.cycle, machine_state.run, machine_state.progress_percent
+            )
         }
-        _ => unreadable(desk),
+        _ => unreadable(gate),
     };
     link.send_line(&said)?;
     Ok(false)
 }
 
-fn unreadable(desk: &Desk) -> String {
-    desk.refuse(Refusal::Unreadable, BY);
+fn unreadable(gate: &CommandGate) -> String {
+    gate.refuse(Refusal::Unreadable, BY);
     format!("REFUSED {}", Refusal::Unreadable)
 }
 
-/// `None` for a word that is none.
-fn tells(words: &[&str]) -> Option<Told> {
-    let mut told = Told::default();
+/// Readiness that the words of a `TELL` report; `None` for an unknown word.
+fn tells(words: &[&str]) -> Option<Readiness> {
+    let mut told = Readiness::default();
     let mut said = Vec::new();
     for word in words {
         match *word {
@@ -135,12 +139,12 @@ fn tells(words: &[&str]) -> Option<Told> {
             word => said.push(word),
         }
     }
-    Some(Told { said: inputs(&said)?, ..told })
+    Some(Readiness { interlocks: inputs(&said)?, ..told })
 }
 
-/// `None` for a word that is none.
-fn inputs(words: &[&str]) -> Option<Said> {
-    let mut said = Said { fresh: true, ..Said::default() };
+/// Interlocks that the words of a line report; `None` for an unknown word.
+fn inputs(words: &[&str]) -> Option<Interlocks> {
+    let mut said = Interlocks { fresh: true, ..Interlocks::default() };
     for word in words {
         match *word {
             "ENABLE" => said.enable = true,

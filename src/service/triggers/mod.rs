@@ -1,22 +1,22 @@
-//! The ways in: the daemon's own Modbus TCP server, and a line of text. Both ask at the desk.
+//! Triggers: the daemon's own Modbus TCP server, and a text line. Both send commands to the gate.
 
 pub mod line;
 pub mod modbus;
 
+use super::command_gate::CommandGate;
 use super::config::Config;
-use super::desk::Desk;
 use super::{Log, ServeError};
 
-/// Start what the configuration names. Call inside a tokio runtime.
+/// Starts the configured triggers. Call it inside a tokio runtime.
 ///
 /// # Errors
-/// An address that cannot be listened on; a thread that cannot be started.
-pub fn start(config: &Config, desk: &Desk, log: &Log) -> Result<(), ServeError> {
+/// An address cannot be listened on, or a thread cannot be started.
+pub fn start(config: &Config, gate: &CommandGate, log: &Log) -> Result<(), ServeError> {
     if let Some(modbus) = &config.modbus {
-        modbus::start(modbus, desk, log)?;
+        modbus::start(modbus, gate, log)?;
     }
     if let Some(line) = &config.line {
-        tokio::spawn(line::attend(line.0.clone(), desk.clone(), log.clone()));
+        tokio::spawn(line::attend(line.0.clone(), gate.clone(), log.clone()));
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Coming in at the page, and leaving.
+//! Sign-in and sign-out at the page.
 
 use axum::extract::{FromRequest, Request, State};
 use axum::http::header::{HeaderValue, SET_COOKIE};
@@ -20,12 +20,12 @@ use crate::service::http::problem::Problem;
 
 pub fn routes() -> Router<Web> {
     let routes = Router::new().route(DOOR, get(door).post(enter)).route("/logout", post(leave));
-    // None of it is for programs.
+    // These routes are for browsers only.
     routes.layer(from_fn(for_people))
 }
 
 #[derive(Deserialize)]
-struct Shown {
+struct LoginForm {
     token: String,
 }
 
@@ -44,7 +44,7 @@ async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Pro
     let (access, headers) = (&web.access, request.headers().clone());
     let address = access.address(&request);
     let form = Form::from_request(request, &web).await;
-    let Form(Shown { token }) = form.map_err(|_| unreadable())?;
+    let Form(LoginForm { token }) = form.map_err(|_| unreadable())?;
     let known = access.known().map_err(|_| closed())?;
     let Some(token) = whose(&known, token.trim()) else {
         if let Err(too_often) = access.rates.failure(&address) {

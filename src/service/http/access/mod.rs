@@ -1,5 +1,6 @@
-//! Who asks, and whether he may. On this computer alone nobody is asked; with `tokens = true` everybody
-//! shows a token: a program with each request, a browser once, for a session.
+//! Authentication and authorisation. Without tokens any local user has full control: loopback connections are not
+//! authenticated. With `tokens = true` every client presents a token: a program with each request, a browser once
+//! for a session.
 
 mod login;
 mod rate;
@@ -36,40 +37,42 @@ use crate::service::config::Http;
 
 /// Name of the session cookie.
 const SESSION: &str = "trued";
-/// A browser sends several cookies of one name, where other servers on the same host have set theirs (RFC 6265, 5.4).
+/// Maximum number of session cookies that are read. A browser sends several cookies of one name if other servers on
+/// the same host have set theirs (RFC 6265, 5.4).
 const MAX_SESSION_COOKIES: usize = 8;
 
-/// What all callers are judged by.
+/// Access control of all requests.
 pub struct Access {
     demanded: bool,
-    /// Under which a proxy with TLS is asked.
+    /// Host names under which a proxy with TLS receives requests.
     names: Vec<String>,
     tokens: Tokens,
     sessions: Sessions,
     rates: Rates,
-    /// Why the tokens cannot be read, once it is said.
+    /// The last logged reason why the tokens cannot be read; `None` while they can.
     trouble: Mutex<Option<String>>,
     log: Log,
 }
 
-/// Who asks: a token, or, where none is demanded, somebody on this computer.
+/// Client of a request: the owner of a token or, where none is required, a user on this computer.
 #[derive(Clone)]
 pub struct Caller {
     token: Option<Token>,
-    /// As whom he is counted: the token's name, or the address.
+    /// Key of the rate limit: the token's name, or the address.
     counts: String,
     access: Arc<Access>,
 }
 
-/// Who has asked, as an answer's extension: token and address, so that tablets with one token are told apart.
+/// Client of a request, as an extension of the response: token and address, so that tablets that share one token
+/// are distinguished.
 #[derive(Clone)]
-pub struct Asker(pub String);
+pub struct ClientIdentity(pub String);
 
 impl Caller {
-    /// As it stands in the audit log: the token's name and what the person typed; one of them at least.
+    /// Name for the audit log: the token's name and the name that the person typed; at least one of them.
     ///
     /// # Errors
-    /// Nobody has given a name.
+    /// There is neither a token nor a valid typed name.
     pub fn signs(&self, typed: &str) -> Result<String, Problem> {
         let typed = typed.trim();
         let unfit = typed.chars().count() > 100 || typed.chars().any(char::is_control);
@@ -88,40 +91,40 @@ impl Caller {
         ))
     }
 
-    /// The same, where a name is not asked for.
+    /// Name for the log, where a name is not required.
     pub fn is_called(&self, typed: &str) -> String {
         let somebody = || self.token.as_ref().map_or("somebody at the page", |token| &token.name);
         self.signs(typed).unwrap_or_else(|_| somebody().to_owned())
     }
 
-    /// Whether tokens are demanded: then nobody is here without one.
+    /// Whether the client has a token; without one it is admitted only if tokens are not required.
     pub fn has_token(&self) -> bool {
         self.token.is_some()
     }
 
-    /// Whether its token has not been revoked meanwhile.
+    /// Whether the client's token is still valid and not revoked.
     pub fn stands(&self) -> bool {
         let known = || self.access.known().unwrap_or_default();
         self.token.as_ref().is_none_or(|token| known().contains(token))
     }
 
-    /// As whom he is counted.
+    /// Key of the client's rate limit.
     pub fn counts_as(&self) -> &str {
         &self.counts
     }
 
-    /// Whether a line for each of his holds is too many by now.
+    /// Counts a hold of the client; returns whether its holds are too frequent to log each one.
     pub fn holds_often(&self) -> bool {
         self.access.rates.hold(&self.counts).is_err()
     }
 }
 
-/// Why somebody is not let in.
+/// Why a request is not admitted.
 enum Refused {
     Unknown,
     Lesser(Role),
     TooOften(TooOften),
-    /// Nobody is known.
+    /// The tokens cannot be read.
     Closed,
 }
 
@@ -132,10 +135,10 @@ impl From<TooOften> for Refused {
 }
 
 impl Access {
-    /// `folder`: of the journal.
+    /// `folder`: folder of the journal.
     ///
     /// # Errors
-    /// Tokens are demanded and cannot be read.
+    /// Tokens are required and cannot be read.
     pub fn new(config: &Http, folder: &Path, log: &Log) -> Result<Arc<Self>, TokenError> {
         let tokens = Tokens::beside(folder);
         if config.tokens && tokens.all()?.is_empty() {
@@ -149,7 +152,7 @@ impl Access {
         Ok(Arc::new(Self { demanded, names, tokens, sessions, rates, trouble, log }))
     }
 
-    /// The tokens that count. Where they cannot be read nobody is known, and the log says so once.
+    /// The valid tokens. If they cannot be read, no client is admitted, and the log reports it once.
     fn known(&self) -> Result<Vec<Token>, TokenError> {
         let known = self.tokens.all();
         let trouble = known.as_ref().err().map(|error| format!("{error}; {}", error.remedy()));
@@ -166,7 +169,7 @@ impl Access {
         known
     }
 
-    /// Everybody shows a token.
+    /// Whether every client must present a token.
     pub fn demanded(&self) -> bool {
         self.demanded
     }
@@ -193,7 +196,7 @@ impl Access {
         let shown = text(headers, AUTHORIZATION).map(bearer);
         let known = match self.known() {
             Ok(known) => known,
-            // Whoever was known last may hold: that moves nothing.
+            // A token of the last successful read may still hold the machine: a hold causes no motion.
             Err(_) if route == HOLD => self.tokens.last(),
             Err(_) => return Err(Refused::Closed),
         };
@@ -218,7 +221,7 @@ impl Access {
         }
     }
 
-    /// Of whoever asks; of a proxy on this computer, whom it names.
+    /// Address of the client; behind a proxy on this computer, the last address in its `X-Forwarded-For` header.
     fn address(&self, request: &Request) -> String {
         let peer = request.extensions().get::<ConnectInfo<SocketAddr>>();
         let peer = peer.map_or(IpAddr::V4(Ipv4Addr::UNSPECIFIED), |info| info.0.ip());
@@ -228,7 +231,7 @@ impl Access {
         named.unwrap_or(peer).to_string()
     }
 
-    /// A browser gives a secure cookie back under the proxy's name only.
+    /// Whether the request came through the proxy. A browser returns a secure cookie only under the proxy's name.
     fn is_behind_proxy(&self, headers: &HeaderMap) -> bool {
         let host = text(headers, HOST).unwrap_or("");
         self.names.iter().any(|name| name.eq_ignore_ascii_case(host))
@@ -252,7 +255,7 @@ fn session_numbers(headers: &HeaderMap) -> Vec<String> {
     named.map(|cookie| cookie.value().to_owned()).collect()
 }
 
-/// Before every answer.
+/// Middleware that admits or refuses each request.
 pub async fn admit(
     State(access): State<Arc<Access>>,
     mut request: Request,
@@ -260,7 +263,7 @@ pub async fn admit(
 ) -> Response {
     let refused = match access.judge(&request) {
         Ok(caller) => {
-            let asker = Asker(format!("{} {}", caller.counts, access.address(&request)));
+            let asker = ClientIdentity(format!("{} {}", caller.counts, access.address(&request)));
             request.extensions_mut().insert(caller);
             let mut response = next.run(request).await;
             response.extensions_mut().insert(asker);
@@ -277,7 +280,7 @@ pub async fn admit(
     }
 }
 
-/// Somebody at a browser reads a page, or has sent one of its forms, which go to where programs send JSON.
+/// Whether the request comes from a browser: a page, or a form sent to a route where programs send JSON.
 fn is_for_a_person(request: &Request) -> bool {
     let accepts = text(request.headers(), ACCEPT).unwrap_or("");
     let api = request.uri().path().starts_with("/api/");

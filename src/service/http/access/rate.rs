@@ -1,5 +1,5 @@
-//! How often is too often: of each caller that changes something, of the lines about one who holds, and of
-//! each address that shows a token which is none.
+//! Rate limits: of changes by each client, of log lines about the holds of each client, and of invalid tokens from
+//! each address.
 
 use std::num::NonZeroU32;
 use std::time::Duration;
@@ -8,12 +8,12 @@ use governor::clock::{Clock, DefaultClock};
 use governor::state::keyed::HashMapStateStore;
 use governor::{Quota, RateLimiter};
 
-/// At once, and so many a minute.
+/// Limit of changes: burst size, and number per minute.
 const CHANGES: NonZeroU32 = NonZeroU32::MIN.saturating_add(59);
 const FAILURES: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
-/// Lines about holds.
+/// Limit of log lines about holds: burst size, and number per minute.
 const HOLDS: NonZeroU32 = NonZeroU32::MIN.saturating_add(9);
-/// Callers that are told apart; more count as one.
+/// Maximum number of clients that are counted separately; all further clients share one count.
 const MOST: usize = 1000;
 
 type Limiter = RateLimiter<String, HashMapStateStore<String>, DefaultClock>;
@@ -24,7 +24,7 @@ pub struct Rates {
     holds: Limiter,
 }
 
-/// Too often; how long to wait.
+/// The rate limit is exceeded; the value is the time to wait.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TooOften(pub Duration);
 
@@ -37,17 +37,17 @@ impl Default for Rates {
 }
 
 impl Rates {
-    /// `caller` changes something.
+    /// Counts a change by `caller`.
     pub fn change(&self, caller: &str) -> Result<(), TooOften> {
         count(&self.changes, caller)
     }
 
-    /// `caller` holds: that is done, and may be too often to be written down each time.
+    /// Counts a hold by `caller`. The hold is executed in any case; an error means that it is not logged.
     pub fn hold(&self, caller: &str) -> Result<(), TooOften> {
         count(&self.holds, caller)
     }
 
-    /// Somebody at `address` has shown what is no token.
+    /// Counts an invalid token from `address`.
     pub fn failure(&self, address: &str) -> Result<(), TooOften> {
         count(&self.failures, address)
     }

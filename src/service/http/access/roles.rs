@@ -1,19 +1,19 @@
-//! Who may do what.
+//! Roles, and the role that each route requires.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// Each may do what the one before it may.
+/// Role of a token; each role includes the rights of the one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Role {
-    /// Reads, and may hold the machine.
+    /// May read, and may hold the machine.
     Viewer,
-    /// Starts, acknowledges, resumes, answers.
+    /// May start, acknowledge, resume and answer prompts.
     Operator,
-    /// Signs, and arms what starts by itself.
+    /// May sign results, and arm scheduled cycles.
     Metrologist,
 }
 
@@ -44,12 +44,12 @@ impl FromStr for Role {
     }
 }
 
-/// Refused to nobody who is known, and not counted.
+/// Route of the hold: open to every known token, and not limited in rate.
 pub const HOLD: &str = "/api/v1/machines/{name}/hold";
-/// Whoever stands before the door must see it.
+/// Route of the sign-in page, open without a token.
 pub const DOOR: &str = "/login";
 
-/// What a changing route asks for at least. One that does not stand here asks for the most.
+/// Minimum role for each route that changes something. A route that is not listed requires the highest role.
 const CHANGES: [(&str, Role); 8] = [
     (HOLD, Role::Viewer),
     ("/logout", Role::Viewer),
@@ -57,12 +57,12 @@ const CHANGES: [(&str, Role); 8] = [
     ("/api/v1/machines/{name}/acknowledge", Role::Operator),
     ("/api/v1/machines/{name}/resume", Role::Operator),
     ("/api/v1/machines/{name}/answer", Role::Operator),
-    // Nothing moves that a metrologist has not armed.
+    // Only a cycle that a metrologist has armed can start.
     ("/api/v1/machines/{name}/due", Role::Operator),
     ("/api/v1/machines/{name}/disarm", Role::Operator),
 ];
 
-/// `reads`: the request changes nothing.
+/// Minimum role for `route`. `reads`: whether the request changes nothing.
 pub fn needed(route: &str, reads: bool) -> Role {
     if reads {
         return Role::Viewer;

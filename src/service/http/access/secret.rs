@@ -1,18 +1,18 @@
-//! What nobody can guess, and what is kept of it.
+//! Random secrets, and their hashes.
 
 use sha2::{Digest, Sha256};
 
 /// 256 bits from the operating system, in hexadecimal digits.
 ///
 /// # Errors
-/// It has none to give.
+/// The operating system provides no random numbers.
 pub fn new() -> Result<String, getrandom::Error> {
     let mut bytes = [0; 32];
     getrandom::fill(&mut bytes)?;
     Ok(digits(&bytes))
 }
 
-/// As many bits as the secret has: no salt, no slow hash is needed against guessing.
+/// SHA-256 of a secret. The secret has 256 random bits, so that neither a salt nor a slow hash is needed.
 pub fn sha256(secret: &str) -> String {
     digits(&Sha256::digest(secret.as_bytes()))
 }

@@ -1,5 +1,5 @@
-//! Who has come in at the page: the browser has a number that means nothing by itself, what it stands for is
-//! kept here, for a shift, and for as long as its token stands.
+//! Sessions of the page. The browser keeps a random number; the token that it represents is kept here, for the
+//! duration of a shift and while the token is valid.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -9,9 +9,9 @@ use subtle::ConstantTimeEq;
 use super::secret;
 use super::tokens::Token;
 
-/// Then one must come in anew.
+/// Duration of a session; after that, the user must sign in again.
 pub const LASTS: Duration = Duration::from_secs(12 * 3600);
-/// The oldest makes room.
+/// Maximum number of sessions; a new one then replaces the oldest.
 const MOST: usize = 64;
 
 struct Session {
@@ -30,10 +30,10 @@ impl Sessions {
         all
     }
 
-    /// What the browser is to keep.
+    /// Opens a session and returns the number that the browser keeps.
     ///
     /// # Errors
-    /// No random numbers.
+    /// The operating system provides no random numbers.
     pub fn open(&self, token: Token) -> Result<String, getrandom::Error> {
         let number = secret::new()?;
         let session = Session { sha256: secret::sha256(&number), token, begun: Instant::now() };

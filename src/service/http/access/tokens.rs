@@ -1,8 +1,8 @@
-//! The tokens: made on this computer, shown once, kept as SHA-256 only.
+//! The tokens: created on this computer, shown once, stored only as SHA-256.
 //!
-//! They lie in a file of their own beside the journal, for this user alone. The journal is copied, sent and
-//! exported, and nobody should have to think of what else is in it; a file is read without a database, and
-//! one that was changed meanwhile is noticed by a look at it.
+//! They are in a separate file beside the journal, readable by the daemon's user only. The journal is copied, sent and
+//! exported, so it must not contain secrets. A file is read without a database, and its metadata show whether it
+//! has changed.
 
 use std::fs::{self, File};
 use std::io::{self, ErrorKind, Write};
@@ -17,7 +17,7 @@ use subtle::ConstantTimeEq;
 use super::roles::Role;
 use super::secret;
 
-/// No more of them.
+/// Maximum number of tokens.
 const MOST: usize = 1000;
 
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -57,7 +57,7 @@ pub enum TokenError {
 }
 
 impl TokenError {
-    /// What to do next.
+    /// Remedy for the user.
     pub fn remedy(&self) -> &'static str {
         match self {
             Self::File { source, .. } if source.kind() == ErrorKind::PermissionDenied => {
@@ -80,25 +80,25 @@ impl TokenError {
     }
 }
 
-/// How a file looks from outside, to see that it is another.
+/// Metadata by which a changed file is detected: inode, length in bytes, modification time in s and ns.
 type Look = (u64, u64, i64, i64);
 
-/// The file, and what was last read of it.
+/// The file of the tokens, and its content when it was last read.
 pub struct Tokens {
     path: PathBuf,
     read: Mutex<(Option<Look>, Vec<Token>)>,
 }
 
 impl Tokens {
-    /// In the folder of the journal.
+    /// Uses `tokens.json` in the folder of the journal.
     pub fn beside(journal: &Path) -> Self {
         Self { path: journal.join("tokens.json"), read: Mutex::default() }
     }
 
-    /// As they are now.
+    /// Returns the tokens that are in the file now.
     ///
     /// # Errors
-    /// The file is there and cannot be read: whom it names now nobody knows.
+    /// The file exists and cannot be read.
     pub fn all(&self) -> Result<Vec<Token>, TokenError> {
         let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
         let look = match fs::metadata(&self.path) {
@@ -123,15 +123,15 @@ impl Tokens {
         Ok(serde_json::from_slice::<Kept>(bytes).map_err(unreadable)?.tokens)
     }
 
-    /// Those that could be read last.
+    /// Returns the tokens of the last successful read.
     pub fn last(&self) -> Vec<Token> {
         self.read.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
     }
 
-    /// A new one; what is returned is kept nowhere.
+    /// Creates a token and returns its secret, which is stored nowhere.
     ///
     /// # Errors
-    /// No name, or one that there is; the file.
+    /// The name is invalid or exists already, the list is full, or the file cannot be written.
     pub fn add(&self, name: &str, role: Role) -> Result<String, TokenError> {
         let fits = |c: char| c.is_ascii_alphanumeric() || "._-".contains(c);
         if name.is_empty() || name.len() > 40 || !name.chars().all(fits) {
@@ -152,7 +152,7 @@ impl Tokens {
     }
 
     /// # Errors
-    /// No such token; the file.
+    /// There is no such token, or the file cannot be written.
     pub fn revoke(&self, name: &str) -> Result<(), TokenError> {
         self.change(|tokens| {
             let before = tokens.len();
@@ -164,7 +164,7 @@ impl Tokens {
         })
     }
 
-    /// One at a time; whole or not at all.
+    /// Changes the file under a lock; the file is replaced as a whole or not at all.
     fn change(
         &self,
         change: impl FnOnce(&mut Vec<Token>) -> Result<(), TokenError>,
@@ -196,7 +196,7 @@ impl Tokens {
     fn replace(&self, folder: &Path, text: &str) -> Result<(), TokenError> {
         let (beside, failed) = (self.path.with_extension("new"), |error| self.failed(error));
         match fs::remove_file(&beside) {
-            // Somebody has died over it.
+            // Left over from a process that died.
             Ok(()) => {}
             Err(error) if error.kind() == ErrorKind::NotFound => {}
             Err(error) => return Err(failed(error)),
@@ -207,12 +207,12 @@ impl Tokens {
         File::open(folder).and_then(|folder| folder.sync_all()).map_err(failed)
     }
 
-    /// `file`, just made at `path`, to the daemon's user, whoever makes it: another's it could not read. That is
-    /// whose the tokens are, or the folder, in which the daemon writes.
+    /// Gives the new `file` at `path` to the daemon's user, whichever user creates it: the daemon could not read
+    /// another user's file. The daemon's user is the owner of the tokens file, or else of the folder.
     fn given(&self, file: File, path: &Path, folder: &Path) -> Result<File, TokenError> {
         let failed = |error| self.failed(error);
         let own = file.metadata().map_err(failed)?.uid();
-        // What root left there alone says nothing of the daemon.
+        // A tokens file that belongs to root does not show which user the daemon runs as.
         let tokens = fs::metadata(&self.path).ok().filter(|tokens| tokens.uid() != 0);
         let owner = tokens.map_or_else(|| fs::metadata(folder), Ok).map_err(failed)?;
         let user = owner.uid();
@@ -228,7 +228,7 @@ impl Tokens {
     }
 }
 
-/// Whose of `tokens` `shown` is. Every token is looked at, each to its end.
+/// The token of `tokens` whose secret is `shown`. Every token is compared in full, so that the time is constant.
 pub fn whose(tokens: &[Token], shown: &str) -> Option<Token> {
     let sha256 = secret::sha256(shown);
     let mut found = None;
@@ -240,7 +240,7 @@ pub fn whose(tokens: &[Token], shown: &str) -> Option<Token> {
     found
 }
 
-/// A new one, for this user alone; where a link leads it is not made.
+/// Creates a new file that only this user can access; does not follow a symbolic link.
 fn private(path: &Path) -> io::Result<File> {
     File::options().write(true).create_new(true).mode(0o600).open(path)
 }
@@ -283,7 +283,7 @@ mod tests {
         assert!(matches!(tokens.revoke("nobody"), Err(TokenError::Unknown(_))));
         let shown = tokens.add("one", Role::Viewer).unwrap();
         assert!(matches!(tokens.add("one", Role::Viewer), Err(TokenError::Exists(_))));
-        // Where it cannot be read nobody is known, and who was is remembered.
+        // The file cannot be read: no token is valid, but the last read is remembered.
         assert!(whose(&tokens.all().unwrap(), &shown).is_some());
         fs::write(folder.path().join("made/tokens.json"), "{").unwrap();
         assert!(matches!(tokens.all(), Err(TokenError::Unreadable { .. })));
@@ -291,7 +291,8 @@ mod tests {
         assert!(matches!(tokens.add("two", Role::Viewer), Err(TokenError::Unreadable { .. })));
     }
 
-    /// Root may make one in the daemon's folder: the daemon reads it. Others cannot give anything away.
+    /// Root may create a token in the daemon's folder, and the daemon can read it. Other users cannot change the owner
+    /// of a file.
     #[test]
     fn the_file_belongs_to_whom_the_folder_belongs() {
         const DAEMON: u32 = 65_534;
@@ -302,7 +303,7 @@ mod tests {
             return;
         }
         let tokens = Tokens::beside(folder.path());
-        // What an earlier version's root has left.
+        // Files that an earlier version left when it ran as root.
         for left in ["tokens.new", "tokens.json"] {
             fs::write(folder.path().join(left), r#"{"trued_tokens": 1, "tokens": []}"#).unwrap();
         }

@@ -1,4 +1,4 @@
-//! A person has done what the run asked for.
+//! Answer of a person to the run's prompt.
 
 use axum::extract::{Extension, Path, State};
 use axum::response::Response;
@@ -10,20 +10,21 @@ use super::words::Words;
 use crate::service::http::Web;
 use crate::service::http::access::Caller;
 use crate::service::http::problem::Problem;
-use crate::service::http::standing::Standing;
+use crate::service::http::status::MachineStatus;
 
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Done {
-    /// The step that asked, and its pass.
+    /// Step of the prompt; `repeat` is its pass.
     step: u32,
     #[serde(default)]
     repeat: u32,
     who: String,
 }
 
-/// What the run that is on has asked for is done: it goes on. An answer to anything else is refused.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/answer", params(("name" = String, Path)), request_body = Done, responses((status = ACCEPTED, body = Standing)))]
+/// Answer the run's prompt: the requested action is done, and the run continues.
+/// An answer to any other prompt is refused.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/answer", params(("name" = String, Path)), request_body = Done, responses((status = ACCEPTED, body = MachineStatus)))]
 pub async fn done(
     State(web): State<Web>,
     Path(name): Path<String>,
@@ -33,7 +34,7 @@ pub async fn done(
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (Done { step, repeat, who }, to_page) = words.split();
     let who = caller.signs(&who)?;
-    let accepted = machine.desk.answer((step, repeat), &who);
+    let accepted = machine.gate.answer((step, repeat), &who);
     let what = format!("answer to step {step}, pass {}", repeat + 1);
     answer(&web, machine, (who, what, String::new()), accepted, to_page).await
 }

@@ -1,28 +1,29 @@
-//! A hold is never refused, and held down it must not fill the audit log: what holds something has a line of its
-//! own, the rest ten a minute for each caller, and then one line every ten seconds that says how many they were.
+//! A hold is never refused, and repeated holds must not fill the audit log. A hold that stops a run has its own
+//! line. Of the other holds, each client has ten lines a minute; further ones are counted, with one line every ten
+//! seconds that states their number.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::service::ask::Stopped;
 use crate::service::http::Web;
 use crate::service::http::access::Caller;
+use crate::service::worker_command::Stopped;
 use crate::store::Audit;
 
-/// How long they are counted.
+/// Time over which the holds without their own line are counted.
 const COUNTED: Duration = Duration::from_secs(10);
-/// Of one run, the holds within this time have one line.
+/// Time within which all holds of one run share one line.
 const ONCE: Duration = Duration::from_secs(1);
 
-/// Caller and machine.
+/// Client and machine.
 type Key = (String, String);
 
 #[derive(Default)]
 struct Inner {
-    /// Of each machine: the last run whose hold has a line, and when.
+    /// By machine: the last run whose hold has a line, and the time of that hold.
     held: BTreeMap<String, (i64, Instant)>,
-    /// Without a line so far.
+    /// Number of holds that have no line yet.
     counted: BTreeMap<Key, u64>,
 }
 
@@ -34,7 +35,7 @@ impl Holds {
         look(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Whether a hold of `run` (`None`: nothing was there to be held) is the first for a while.
+    /// Whether a hold of `run` is the first within [`ONCE`]. `None`: no run was in progress.
     fn is_first(&self, machine: &str, run: Option<i64>, now: Instant) -> bool {
         let Some(run) = run else { return false };
         self.with(|inner| {
@@ -47,7 +48,7 @@ impl Holds {
         })
     }
 
-    /// One more without a line; whether it is the first of them.
+    /// Counts a hold without a line; returns whether it is the first of them.
     fn count(&self, key: &Key) -> bool {
         self.with(|inner| {
             let count = inner.counted.entry(key.clone()).or_insert(0);
@@ -61,7 +62,7 @@ impl Holds {
     }
 }
 
-/// Whether the hold `of` is to have a line of its own; otherwise it is counted.
+/// Whether the hold `of` gets its own line; otherwise it is counted.
 pub fn has_a_line(web: &Web, caller: &Caller, of: &Audit, stopped: Stopped) -> bool {
     let run = (stopped == Stopped::Run).then_some(of.run);
     if web.holds.is_first(&of.machine, run, Instant::now()) || !caller.holds_often() {
@@ -74,7 +75,7 @@ pub fn has_a_line(web: &Web, caller: &Caller, of: &Audit, stopped: Stopped) -> b
             tokio::time::sleep(COUNTED).await;
             let more = web.holds.taken(&key);
             let outcome = format!("{}, {more} times within {} s", of.outcome, COUNTED.as_secs());
-            // Nobody waits for it any more.
+            // The client does not wait for this line.
             drop(web.journal.audit(&Audit { outcome, ..of }));
         });
     }
@@ -93,7 +94,7 @@ mod tests {
         assert!(!holds.is_first("mill", Some(1), now));
         assert!(holds.is_first("lathe", Some(1), now));
         assert!(holds.is_first("mill", Some(2), now));
-        // It went on meanwhile.
+        // The run was resumed meanwhile.
         assert!(holds.is_first("mill", Some(2), now + ONCE));
         let key = |who: &str| (who.to_owned(), "mill".to_owned());
         assert_eq!([(); 3].map(|()| holds.count(&key("Ada"))), [true, false, false]);

@@ -1,6 +1,6 @@
-//! What can be done: start a cycle, hold the machine, acknowledge, resume, answer, sign. Each says who asks and may
-//! say why, and each stands in the audit log before it is answered, also if whoever asked has gone by then. The same
-//! words come as JSON from a program and as a form from the page, which is sent back to the machine's page.
+//! Actions: start a cycle, hold the machine, acknowledge, resume, answer, sign. Each states the client's name and
+//! optionally a reason. Each is written to the audit log before the response, even if the client has disconnected.
+//! A program sends JSON; the page sends a form and is redirected to the machine's page.
 
 mod answer;
 mod holds;
@@ -26,16 +26,16 @@ pub(super) use self::words::{Words, kept};
 use super::access::Caller;
 use super::page::for_people;
 use super::problem::Problem;
-use super::standing::Standing;
-use super::{Shown, Web};
-use crate::service::ask::{Answer, Looked, Stopped};
-use crate::service::board::{Refusal, Said};
+use super::status::MachineStatus;
+use super::{ServedMachine, Web};
 use crate::service::config::Demand;
+use crate::service::machine_state::{Interlocks, Refusal};
+use crate::service::worker_command::{Answer, Inspection, Stopped};
 use crate::store::Audit;
 
-/// For the words of a hold, which come after it.
+/// Maximum time to receive the body of a hold, after the machine is held.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// An acknowledgement is in the journal, or refused.
+/// Maximum time to wait until an acknowledgement is in the journal or refused.
 const SETTLES: Duration = Duration::from_secs(5);
 
 pub fn routes() -> OpenApiRouter<Web> {
@@ -56,7 +56,7 @@ struct Start {
     who: String,
     #[serde(default)]
     why: String,
-    /// What this person has seen to at the machine.
+    /// Conditions that this person has checked at the machine.
     #[serde(default)]
     enable: bool,
     #[serde(default)]
@@ -81,13 +81,13 @@ struct Seen {
     who: String,
     #[serde(default)]
     why: String,
-    /// All axes, where the control may have lost its position.
+    /// Whether all axes are homed; required where the control may have lost its position.
     #[serde(default)]
     homed: bool,
 }
 
-/// Start a cycle. Its caller vouches for what `[serve]` demands.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/start", params(("name" = String, Path)), request_body = Start, responses((status = ACCEPTED, body = Standing)))]
+/// Start a cycle. The caller confirms the conditions that `[serve]` demands.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/start", params(("name" = String, Path)), request_body = Start, responses((status = ACCEPTED, body = MachineStatus)))]
 async fn start(
     State(web): State<Web>,
     Path(name): Path<String>,
@@ -98,19 +98,24 @@ async fn start(
     let (asked, to_page) = words.split();
     let who = caller.signs(&asked.who)?;
     vouched(machine, &asked)?;
-    let accepted = machine.desk.start(asked.cycle, said(machine), &who);
+    let accepted = machine.gate.start(asked.cycle, said(machine), &who);
     let what = format!("start of cycle {}", asked.cycle);
     answer(&web, machine, (who, what, asked.why), accepted, to_page).await
 }
 
-/// A person has vouched; what the machine says against it counts all the same.
-fn said(machine: &Shown) -> Said {
+/// Interlocks for a person's request: the person confirms all conditions, but a fresh report of the machine takes
+/// precedence.
+fn said(machine: &ServedMachine) -> Interlocks {
     let vouched =
-        Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
-    machine.desk.rota().heard().map_or(vouched, |said| Said { person: true, ..said })
+        Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
+    machine
+        .gate
+        .schedule_state()
+        .fresh_interlocks()
+        .map_or(vouched, |said| Interlocks { person: true, ..said })
 }
 
-fn vouched(machine: &Shown, asked: &Start) -> Result<(), Problem> {
+fn vouched(machine: &ServedMachine, asked: &Start) -> Result<(), Problem> {
     let missing = machine.demand.iter().find_map(|demand| match demand {
         Demand::Enable if !asked.enable => Some("that the machine is free to be moved (enable)"),
         Demand::Auto if !asked.auto => Some("that the control is in its automatic mode (auto)"),
@@ -125,8 +130,8 @@ fn not_vouched(what: &str) -> Problem {
     Problem::new(StatusCode::CONFLICT, "not-vouched", message, "look at the machine, then say so")
 }
 
-/// Hold the machine at once. This is never refused to whoever is known; what is said beside it may be missing.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/hold", params(("name" = String, Path)), request_body = Asked, responses((status = ACCEPTED, body = Standing)))]
+/// Hold the machine at once. A known caller is never refused; the body may be missing.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/hold", params(("name" = String, Path)), request_body = Asked, responses((status = ACCEPTED, body = MachineStatus)))]
 async fn hold(
     State(web): State<Web>,
     Path(name): Path<String>,
@@ -134,14 +139,14 @@ async fn hold(
     request: Request,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    // Before anything is read: whatever else is wrong with the request, the machine holds.
-    let stopped = machine.desk.stop(&caller.is_called(""));
+    // Before the body is read: the machine is held even if the rest of the request is invalid.
+    let stopped = machine.gate.stop(&caller.is_called(""));
     to_the_end(held(web.clone(), machine.clone(), caller, stopped, request)).await
 }
 
 async fn held(
     web: Web,
-    machine: Shown,
+    machine: ServedMachine,
     caller: Caller,
     stopped: Stopped,
     request: Request,
@@ -150,7 +155,7 @@ async fn held(
     let words = words.await.ok().and_then(Result::ok).unwrap_or(Words::Json(Asked::default()));
     let (Asked { who, why }, to_page) = words.split();
     let held = match stopped {
-        // It is not for this service to hold what another one moves.
+        // This service cannot hold motion of another process.
         Stopped::Elsewhere => Err(Refusal::Elsewhere),
         Stopped::Run | Stopped::Nothing => Ok(()),
     };
@@ -162,15 +167,15 @@ async fn held(
     Ok(answered(&machine, to_page))
 }
 
-/// Also if whoever asked has gone meanwhile: what is done is written down.
+/// Completes `work` even if the client disconnects, so that every executed action is logged.
 pub(super) async fn to_the_end<T: Send + 'static>(
     work: impl Future<Output = Result<T, Problem>> + Send + 'static,
 ) -> Result<T, Problem> {
     tokio::spawn(work).await.unwrap_or_else(|_| Err(Refusal::NotReady.into()))
 }
 
-/// A person has looked at the machine: new cycles may start.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/acknowledge", params(("name" = String, Path)), request_body = Seen, responses((status = ACCEPTED, body = Standing)))]
+/// Acknowledge that a person has inspected the machine: new cycles may start.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/acknowledge", params(("name" = String, Path)), request_body = Seen, responses((status = ACCEPTED, body = MachineStatus)))]
 async fn acknowledge(
     State(web): State<Web>,
     Path(name): Path<String>,
@@ -180,25 +185,25 @@ async fn acknowledge(
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
     let (Seen { who, why, homed }, to_page) = words.split();
     let (who, why) = (caller.signs(&who)?, kept(&why));
-    let accepted = machine.desk.acknowledge(Looked { who: &who, why: &why, homed });
+    let accepted = machine.gate.acknowledge(Inspection { who: &who, why: &why, homed });
     let said = (who, "acknowledgement".to_owned(), why);
     settled(web, machine, said, accepted, to_page).await
 }
 
-/// What became of it stands in the audit log, even if nobody waits for the answer.
+/// Waits for the result and writes it to the audit log, even if the client has disconnected.
 async fn settled(
     web: Web,
-    machine: Shown,
+    machine: ServedMachine,
     said: (String, String, String),
     accepted: Result<Answer, Refusal>,
     to_page: bool,
 ) -> Result<Response, Problem> {
     to_the_end(async move {
         let became = match accepted {
-            // One that is still at it says so on the board.
+            // After the timeout, the machine state shows the result.
             Ok(told) => tokio::time::timeout(SETTLES, told)
                 .await
-                // Nobody took it any more: the service ends.
+                // The worker has dropped the command, because the service is ending.
                 .map_or(Ok(()), |told| told.unwrap_or(Err(Refusal::NotReady))),
             Err(why) => Err(why),
         };
@@ -207,10 +212,10 @@ async fn settled(
     .await
 }
 
-/// Once it stands in the audit log.
+/// Responds after the action is in the audit log.
 async fn answer(
     web: &Web,
-    machine: &Shown,
+    machine: &ServedMachine,
     (who, what, why): (String, String, String),
     accepted: Result<(), Refusal>,
     to_page: bool,
@@ -221,7 +226,7 @@ async fn answer(
 }
 
 fn audit(
-    machine: &Shown,
+    machine: &ServedMachine,
     (who, what, why): (String, String, String),
     accepted: &Result<(), Refusal>,
 ) -> Audit {
@@ -229,13 +234,13 @@ fn audit(
         Ok(()) => "accepted".to_owned(),
         Err(refusal) => format!("refused: {refusal}"),
     };
-    let (name, run) = (machine.name.clone(), machine.desk.board().run);
+    let (name, run) = (machine.name.clone(), machine.gate.machine_state().run);
     Audit { who, what, why: kept(&why), machine: name, run: run.into(), outcome }
 }
 
-fn answered(machine: &Shown, to_page: bool) -> Response {
+fn answered(machine: &ServedMachine, to_page: bool) -> Response {
     match to_page {
         true => Redirect::to(&super::page::address(&machine.name)).into_response(),
-        false => (StatusCode::ACCEPTED, Json(Standing::of(machine))).into_response(),
+        false => (StatusCode::ACCEPTED, Json(MachineStatus::of(machine))).into_response(),
     }
 }

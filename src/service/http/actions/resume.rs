@@ -1,4 +1,4 @@
-//! A person at the page lets a run go on.
+//! Resume of a run by a person at the page.
 
 use axum::extract::{Extension, Path, State};
 use axum::http::StatusCode;
@@ -10,12 +10,12 @@ use super::words::{Words, kept};
 use super::{not_vouched, said, settled};
 use crate::archive::story::goes_on;
 use crate::run::{Again, AgainError, Question, can_resume};
-use crate::service::ask::Looked;
 use crate::service::http::Web;
 use crate::service::http::access::Caller;
 use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
-use crate::service::http::standing::Standing;
+use crate::service::http::status::MachineStatus;
+use crate::service::worker_command::Inspection;
 use crate::store::RunId;
 
 #[derive(Debug, Deserialize, ToSchema)]
@@ -25,18 +25,18 @@ pub struct GoOn {
     who: String,
     #[serde(default)]
     why: String,
-    /// What this person has seen to at the machine: its way, what sits in the spindle.
+    /// Conditions that this person has checked at the machine: the path is free, the spindle's content is undamaged.
     #[serde(default)]
     free: bool,
     #[serde(default)]
     whole: bool,
-    /// All axes, where the control may have lost its position.
+    /// Whether all axes are homed; required where the control may have lost its position.
     #[serde(default)]
     homed: bool,
 }
 
-/// Go on with a held run. Its caller vouches for the machine.
-#[utoipa::path(post, path = "/api/v1/machines/{name}/resume", params(("name" = String, Path)), request_body = GoOn, responses((status = ACCEPTED, body = Standing)))]
+/// Resume a held run. The caller confirms the state of the machine.
+#[utoipa::path(post, path = "/api/v1/machines/{name}/resume", params(("name" = String, Path)), request_body = GoOn, responses((status = ACCEPTED, body = MachineStatus)))]
 pub async fn resume(
     State(web): State<Web>,
     Path(name): Path<String>,
@@ -65,7 +65,8 @@ pub async fn resume(
             "acknowledge it, then start a new run",
         ));
     }
-    let accepted = machine.desk.resume(run, Looked { who: &who, why: &why, homed }, said(&machine));
+    let accepted =
+        machine.gate.resume(run, Inspection { who: &who, why: &why, homed }, said(&machine));
     let what = format!("resume of run {run}");
     settled(web, machine, (who, what, why), accepted, to_page).await
 }

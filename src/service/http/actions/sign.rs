@@ -1,4 +1,4 @@
-//! A person answers for a result, by name.
+//! Signature of a person under a result.
 
 use axum::Json;
 use axum::extract::{Extension, Path, State};
@@ -21,14 +21,14 @@ use crate::store::{Audit, RunId, Signature};
 #[serde(deny_unknown_fields)]
 pub struct Sign {
     who: String,
-    /// The remark.
+    /// Remark.
     #[serde(default)]
     why: String,
     /// SHA-256 of the estimate that this person has read.
     estimate: String,
 }
 
-/// Answer for a result, by name.
+/// Sign a result.
 #[utoipa::path(post, path = "/api/v1/runs/{run}/sign", params(("run" = i64, Path)), request_body = Sign, responses((status = CREATED, body = SignatureView)))]
 pub async fn sign(
     State(web): State<Web>,

@@ -1,4 +1,4 @@
-//! What was said, as JSON or as a form.
+//! Body of a request, as JSON or as a form.
 
 use axum::extract::rejection::{FormRejection, JsonRejection};
 use axum::extract::{FromRequest, Request};
@@ -8,22 +8,22 @@ use serde::de::DeserializeOwned;
 
 use crate::service::http::problem::Problem;
 
-/// Of what a person says why, characters.
+/// Maximum length of a reason, in characters.
 const MOST: usize = 500;
 
-/// As much of it as is kept: the audit log is there for good, and nobody writes letters into it.
+/// Reason as it is stored: trimmed and shortened, because the audit log is permanent.
 pub fn kept(why: &str) -> String {
     why.trim().chars().take(MOST).collect()
 }
 
-/// JSON or a form, by what the request says it is.
+/// Body of a request: JSON or a form, according to its content type.
 pub enum Words<T> {
     Json(T),
     Form(T),
 }
 
 impl<T> Words<T> {
-    /// What was said, and whether the answer is for a person at the page.
+    /// The body, and whether it came from the page's form, so that the response is a page.
     pub fn split(self) -> (T, bool) {
         match self {
             Self::Json(said) => (said, false),

@@ -1,5 +1,5 @@
-//! The interface described for programs, made from the routes themselves: `/api/v1/openapi.json`, and the
-//! same in `docs/openapi.json`.
+//! OpenAPI description of the HTTP API, generated from the routes: `/api/v1/openapi.json`, and the same in
+//! `docs/openapi.json`.
 
 pub mod views;
 
@@ -17,10 +17,10 @@ use utoipa_axum::router::OpenApiRouter;
 use super::problem::Problem;
 use super::{Web, actions, api, events, schedule};
 
-/// Of the security scheme.
+/// Name of the security scheme.
 const TOKEN: &str = "token";
 
-/// Of the interface, with its description.
+/// Routes of the API, with that of its description.
 pub fn routes() -> Router<Web> {
     let (router, described) = described();
     router.route("/api/v1/openapi.json", get(move || async move { Json(described) }))
@@ -45,7 +45,7 @@ fn operations(item: &mut PathItem) -> impl Iterator<Item = &mut Operation> {
     [item.get.as_mut(), item.post.as_mut()].into_iter().flatten()
 }
 
-/// What holds for each: a token, and what is said where there is no answer.
+/// Adds what every operation has: the token, and the response for an error.
 fn common(operation: &mut Operation) {
     for answer in operation.responses.responses.values_mut() {
         if let RefOr::T(answer) = answer {

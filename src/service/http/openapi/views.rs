@@ -1,11 +1,11 @@
-//! HTTP schemas of the types of lower layers, which do not depend on HTTP. A test compares each schema with
-//! what the program writes. What has a contract and a version of its own (plan,
-//! reading, estimate, series) is not described a second time.
+//! HTTP schemas of types of lower layers, which do not depend on HTTP. A test compares each schema with the
+//! program's output. Formats with their own contract and version (plan, reading, estimate, series) are not
+//! described a second time.
 #![allow(dead_code, reason = "only their schemas are used")]
 
 use utoipa::ToSchema;
 
-/// As the contract has it that README.md describes.
+/// Object of the format that README.md describes.
 #[derive(ToSchema)]
 #[schema(value_type = Object)]
 pub struct Contract(());
@@ -15,7 +15,7 @@ pub struct Contract(());
 #[schema(value_type = Object)]
 pub struct SeriesView(());
 
-/// Of a machine: `planned`, `armed`, `last`, as docs/schedule.md has them.
+/// Schedule of a machine: `planned`, `armed`, `last`, as docs/schedule.md describes them.
 #[derive(ToSchema)]
 #[schema(as = Agenda, value_type = Object)]
 pub struct AgendaView(());
@@ -46,34 +46,34 @@ pub enum VerdictView {
 pub struct ParameterView {
     symbol: String,
     value: f64,
-    /// um, urad, um/m, mm or ms.
+    /// Unit: um, urad, um/m, mm or ms.
     unit: String,
-    /// Standard uncertainty.
+    /// Standard uncertainty, in the unit of the value.
     u: f64,
-    /// Expanded uncertainty, k·u.
+    /// Expanded uncertainty, k·u, in the unit of the value.
     #[schema(rename = "U")]
     expanded: f64,
     k: f64,
-    /// Null: infinitely many.
+    /// Degrees of freedom; null: infinitely many.
     dof: Option<f64>,
     identifiable: bool,
     #[schema(required = false)]
     u_monte_carlo: Option<f64>,
-    /// Shortest interval by Monte Carlo that covers with the probability of k.
+    /// Shortest coverage interval by Monte Carlo, with the coverage probability of k.
     #[schema(required = false)]
     interval_monte_carlo: Option<[f64; 2]>,
     #[schema(required = false)]
     budget: Vec<BudgetView>,
-    /// Absent without a limit.
+    /// Judgement by the limit of the parameter; absent without a limit.
     #[schema(required = false)]
     judged: Option<JudgementView>,
 }
 
-/// What the limit of a parameter says.
+/// Judgement of a parameter by its limit.
 #[derive(ToSchema)]
 #[schema(as = Judgement)]
 pub struct JudgementView {
-    /// |value| may be so much, in the parameter's unit.
+    /// Limit of |value|, in the parameter's unit.
     limit: f64,
     verdict: VerdictView,
     /// Probability that the true value is within the limit; absent where the uncertainty cannot be trusted.
@@ -81,7 +81,7 @@ pub struct JudgementView {
     conformance: Option<f64>,
 }
 
-/// A source of uncertainty.
+/// Source of uncertainty.
 #[derive(ToSchema)]
 #[schema(as = Budget)]
 pub struct BudgetView {
@@ -89,32 +89,33 @@ pub struct BudgetView {
     /// A: by statistics of repeated readings; B: by other means. Absent in estimates of earlier versions.
     #[schema(rename = "type", required = false)]
     evaluation: Option<String>,
-    /// Of one draw: normal or rectangular. Absent in estimates of earlier versions.
+    /// Distribution of one draw: normal or rectangular. Absent in estimates of earlier versions.
     #[schema(required = false)]
     distribution: Option<String>,
     /// Contribution to the standard uncertainty of the parameter, in its unit.
     u: f64,
-    /// Degrees of freedom of its size; absent: infinitely many.
+    /// Degrees of freedom of the size of the source; absent: infinitely many.
     #[schema(required = false)]
     dof: Option<f64>,
-    /// Of the machine file, that declares its size; `axes.*`: each of the axes.
+    /// Key of the machine file that declares the size of the source; `axes.*`: the key of each axis.
     #[schema(required = false)]
     key: Option<String>,
-    /// `u` by the size that the key declares, of several axes or sensors the largest. Absent: it is not in proportion.
+    /// `u` divided by the declared size of the source; of several axes or sensors, by the largest size. Absent: `u` is
+    /// not proportional to it.
     #[schema(required = false)]
     sensitivity: Option<f64>,
-    /// Its size, or a part of it, is not declared but assumed.
+    /// Whether the size of the source, or a part of it, is assumed and not declared.
     #[schema(required = false)]
     assumed: bool,
 }
 
-/// What the sensors of a prompt read.
+/// Live values of the sensors that a prompt names.
 #[derive(ToSchema)]
 #[schema(as = LiveValues)]
 pub struct LiveValuesView {
     sensors: Vec<LiveSensorView>,
     sections: Vec<LiveSectionView>,
-    /// Slope of the line through the centres of two sections along X and Y.
+    /// Slope along X and Y of the line through the centres of two sections, urad.
     tilt_urad: Option<Vec<f64>>,
 }
 
@@ -122,22 +123,22 @@ pub struct LiveValuesView {
 #[schema(as = LiveSensor)]
 pub struct LiveSensorView {
     sensor: String,
-    /// Least and greatest distance that it measures.
+    /// Lower and upper limit of the measuring range, mm.
     range_mm: Vec<f64>,
-    /// Its value once the person has done what the prompt asks for; null where there is none.
+    /// Value after the person has done what the prompt requests, mm; null where there is none.
     target_mm: Option<f64>,
-    /// Null: `failure` says why.
+    /// Value, mm; null: `failure` states the reason.
     value_mm: Option<f64>,
     failure: Option<String>,
 }
 
-/// A section of a round artefact.
+/// Section of a round artefact.
 #[derive(ToSchema)]
 #[schema(as = LiveSection)]
 pub struct LiveSectionView {
-    /// From 1.
+    /// Number, from 1.
     number: usize,
-    /// From the axis to its centre along X and Y; null where its sensors do not determine it.
+    /// Position of its centre relative to the axis along X and Y, um; null where its sensors do not determine it.
     eccentricity_um: Option<Vec<f64>>,
 }
 
@@ -147,24 +148,24 @@ pub struct RunView {
     id: i64,
     #[schema(format = DateTime)]
     started: String,
-    /// When it came to its state; null while it runs.
+    /// Time at which it reached its state; null while it runs.
     #[schema(format = DateTime)]
     ended: Option<String>,
     method: String,
     machine: String,
-    /// running, held, not identified (measured, without an estimate), finished, failed, interrupted or closed.
+    /// State: running, held, not identified (measured, without an estimate), finished, failed, interrupted or closed.
     state: String,
     program_version: String,
     config_sha256: String,
     plan_sha256: String,
-    /// Who signed its last estimate last.
+    /// Person who last signed its last estimate.
     signed: Option<String>,
 }
 
 #[derive(ToSchema)]
 #[schema(as = Audit)]
 pub struct AuditView {
-    /// Its number in the log.
+    /// Number of the entry in the log.
     seq: i64,
     #[schema(format = DateTime)]
     at: String,
@@ -172,17 +173,17 @@ pub struct AuditView {
     what: String,
     why: String,
     machine: String,
-    /// The run that was on, 0 for none.
+    /// Run in progress, 0 for none.
     run: i64,
     outcome: String,
 }
 
-/// Of one value, the second run less the first.
+/// Difference of one value: the second run minus the first.
 #[derive(ToSchema)]
 #[schema(as = Difference)]
 pub struct DifferenceView {
     symbol: String,
-    /// um, urad, um/m, mm or ms.
+    /// Unit: um, urad, um/m, mm or ms.
     unit: String,
     first: f64,
     second: f64,
@@ -190,30 +191,30 @@ pub struct DifferenceView {
     /// Expanded uncertainty of `by`.
     #[schema(rename = "U")]
     expanded: f64,
-    /// |by|/U (ISO 13528); null: U is 0.
+    /// E_n = |by|/U (ISO 13528); null: U is 0.
     #[schema(rename = "E_n")]
     normalized: f64,
-    /// `by` is beyond its U: E_n is above 1.
+    /// Whether |by| exceeds its U: E_n is above 1.
     significant: bool,
 }
 
-/// A function of the second run less that of the first, at the arguments of the coarser one within both.
+/// Difference of one function: the second run minus the first, at the arguments of the coarser one within both ranges.
 #[derive(ToSchema)]
 #[schema(as = FunctionDifference)]
 pub struct FunctionDifferenceView {
     symbol: String,
     argument: String,
     argument_unit: String,
-    /// um, urad, um/m, mm or ms.
+    /// Unit: um, urad, um/m, mm or ms.
     unit: String,
-    /// Both functions are taken less their value at this argument; null: as they are.
+    /// Argument at which the value of each function is subtracted from it; null: nothing is subtracted.
     gauge_at: Option<f64>,
     x: Vec<f64>,
     by: Vec<f64>,
     /// Expanded uncertainty of `by`.
     #[schema(rename = "U")]
     expanded: Vec<f64>,
-    /// |by|/U (ISO 13528).
+    /// E_n = |by|/U (ISO 13528).
     #[schema(rename = "E_n")]
     normalized: Vec<f64>,
 }
@@ -221,14 +222,14 @@ pub struct FunctionDifferenceView {
 #[derive(ToSchema)]
 #[schema(as = Comparison)]
 pub struct ComparisonView {
-    /// Both, in the order in which they were asked for.
+    /// Both runs, in the requested order.
     runs: Vec<RunView>,
-    /// Of all values that both have identified.
+    /// Differences of all values that both runs have identified.
     differences: Vec<DifferenceView>,
     functions: Vec<FunctionDifferenceView>,
     /// Sources of uncertainty that have the same value in both runs: they cancel in `differences`.
     common_sources: Vec<String>,
-    /// What else lies between them, in words.
+    /// Other differences between the runs, in words.
     besides: Vec<String>,
 }
 

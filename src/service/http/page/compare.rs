@@ -1,4 +1,4 @@
-//! Two runs beside each other.
+//! Comparison page of two runs.
 
 use axum::extract::{Query, State};
 use axum::http::StatusCode;
@@ -48,7 +48,7 @@ fn line(difference: &Difference) -> Value {
     }
 }
 
-/// The point with the largest E_n.
+/// Row of a function, with the point of the largest E_n.
 fn function(function: &FunctionDifference) -> Option<Value> {
     let worst = function.worst()?;
     let number = |value: f64| format!("{value:.2}");

@@ -1,4 +1,4 @@
-//! The page of one machine: how it stands, what can be done, how its values went.
+//! Page of one machine: its state, the actions, the trends of its values.
 
 use axum::body::Bytes;
 use axum::extract::{Path, State};
@@ -9,18 +9,18 @@ use minijinja::{Value, context};
 use super::{address, moment, render, row, schedule, sensors, trends, views, whole};
 use crate::archive::history::history;
 use crate::run::{can_resume, question};
-use crate::service::board::Failure;
 use crate::service::config::Demand;
 use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
-use crate::service::http::results::Told;
-use crate::service::http::standing::Standing;
-use crate::service::http::{Shown, Web};
-use crate::service::rota::agenda;
+use crate::service::http::results::NewestResult;
+use crate::service::http::status::MachineStatus;
+use crate::service::http::{ServedMachine, Web};
+use crate::service::machine_state::Failure;
+use crate::service::schedule_state::agenda;
 use crate::store::{Journal, RunId, StoredRun, Wanted};
 use machine::record::estimate::Verdict;
 
-/// Runs on a machine's page.
+/// Number of runs on a machine's page.
 const NEWEST: usize = 10;
 
 pub async fn page(
@@ -29,18 +29,18 @@ pub async fn page(
 ) -> Result<Html<String>, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
     let tokens = web.access.demanded();
-    // Figures are drawn beside the thread that takes holds.
+    // The charts are drawn outside the thread that receives holds.
     read_journal(&web, move |journal| whole("machine.html", tokens, values(journal, &machine)?))
         .await?
 }
 
-fn values(journal: &Journal, machine: &Shown) -> Result<Value, Problem> {
-    let Shown { name, desk, tolerance, .. } = machine;
-    // Before the journal, which is the first to know of a held run: of a change that comes between them the
-    // page is told, and is made anew.
+fn values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> {
+    let ServedMachine { name, gate, tolerance, .. } = machine;
+    // Before the journal, in which a held run appears first. If a change comes between the two reads, the page is
+    // notified and reloads.
     let standing = standing(machine);
     let (all, (runs, waits)) = (history(journal, name, tolerance)?, newest(journal, name)?);
-    let views = views::of_run(journal, RunId(desk.board().run.into()))?;
+    let views = views::of_run(journal, RunId(gate.machine_state().run.into()))?;
     machine.last.look(journal, name)?;
     Ok(context! {
         machine => standing,
@@ -49,24 +49,24 @@ fn values(journal: &Journal, machine: &Shown) -> Result<Value, Problem> {
         vouch => machine.demand.iter().map(vouch).collect::<Vec<_>>(),
         trends => all.chunk_by(|one, other| one.method == other.method).map(trends::of_method).collect::<Vec<_>>(),
         runs,
-        schedule => schedule::panel(&agenda(journal, desk.rota(), name)?),
+        schedule => schedule::panel(&agenda(journal, gate.schedule_state(), name)?),
     })
 }
 
-/// The part that changes, for the script.
+/// Live part of the page, for the script.
 pub async fn live(
     State(web): State<Web>,
     Path(name): Path<String>,
 ) -> Result<Html<Bytes>, Problem> {
     let (machine, shared) =
         web.machine(&name).zip(web.live.get(&name)).ok_or_else(|| Problem::not_found(&name))?;
-    // Looked at first: what changes while it is made is made again.
-    let change = *machine.desk.changes().borrow();
+    // Read first: a change while the part is rendered causes a new rendering.
+    let change = *machine.gate.changes().borrow();
     let make = async {
         let machine = machine.clone();
         let made = read_journal(&web, move |journal| {
             machine.last.look(journal, &machine.name)?;
-            let views = views::of_run(journal, RunId(machine.desk.board().run.into()))?;
+            let views = views::of_run(journal, RunId(machine.gate.machine_state().run.into()))?;
             render("live.html", context! { machine => standing(&machine), views })
         });
         made.await?
@@ -74,7 +74,7 @@ pub async fn live(
     shared.at(change, make).await
 }
 
-/// The newest runs, and the last one if it waits for a person, with what is asked before it goes on.
+/// The newest runs, and the last one if it waits for a person, with the question before its resume.
 fn newest(journal: &Journal, machine: &str) -> Result<(Vec<Value>, Option<Value>), Problem> {
     let wanted = Wanted { machine: Some(machine), ..Wanted::default() };
     let runs = journal.some_runs(wanted, NEWEST)?;
@@ -93,11 +93,11 @@ fn waiting(stored: &StoredRun) -> Value {
     }
 }
 
-pub fn standing(machine: &Shown) -> Value {
-    let (standing, now) = (Standing::of(machine), Timestamp::now());
+pub fn standing(machine: &ServedMachine) -> Value {
+    let (standing, now) = (MachineStatus::of(machine), Timestamp::now());
     let (result, parameters) = machine.last.at(now).unzip();
     let (class, glance) = glance(&standing, result.as_ref());
-    // Values that say no more how the machine is stand with their run alone.
+    // Values that no longer describe the machine are shown only with their run.
     let says =
         !matches!(class, "measuring" | "held") && result.as_ref().is_some_and(|r| !r.outdated);
     let parameters = parameters.filter(|_| says).unwrap_or_default();
@@ -144,8 +144,8 @@ pub fn standing(machine: &Shown) -> Value {
     }
 }
 
-/// Class and words of what must be seen from afar.
-fn glance(standing: &Standing, result: Option<&Told>) -> (&'static str, &'static str) {
+/// CSS class and text of the state that must be readable from a distance.
+fn glance(standing: &MachineStatus, result: Option<&NewestResult>) -> (&'static str, &'static str) {
     match (standing.state, result) {
         _ if standing.late => ("unknown", "unknown: the service hangs"),
         ("held", _) if standing.elsewhere => ("held", "held: another program has the machine"),
@@ -156,7 +156,9 @@ fn glance(standing: &Standing, result: Option<&Told>) -> (&'static str, &'static
             ("unknown", "unknown: the newest run is not identified")
         }
         ("failed", _) => ("unknown", "not measured: the last cycle failed"),
-        (_, Some(Told { outdated: true, .. })) => ("unknown", "unknown: measured too long ago"),
+        (_, Some(NewestResult { outdated: true, .. })) => {
+            ("unknown", "unknown: measured too long ago")
+        }
         (_, Some(told)) => of_verdict(told.verdict),
         (_, None) => ("unknown", "unknown: no result yet"),
     }
@@ -191,29 +193,31 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::service::board::State;
-    use crate::service::desk::Desk;
+    use crate::service::command_gate::CommandGate;
     use crate::service::http::Last;
+    use crate::service::machine_state::State;
 
-    /// What a worker that hangs has said last is not shown as what is now.
+    /// The last state reported by a hung worker is not shown as the current one.
     #[test]
     fn without_a_sign_of_life_nothing_is_known() {
-        let ((desk, _asks), last) = (Desk::for_tests(), Last::new(Duration::from_secs(3600)));
+        let ((gate, _asks), last) =
+            (CommandGate::for_tests(), Last::new(Duration::from_secs(3600)));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
         let (file_sha256, tolerance) = (String::new(), Vec::new());
-        let machine = Shown { name, file_sha256, desk, cycles, demand, tolerance, last };
-        machine.desk.show(|board| {
-            (board.state, board.run, board.measured) = (State::Running, 3, 17);
-            "touch 18".clone_into(&mut board.step);
+        let machine = ServedMachine { name, file_sha256, gate, cycles, demand, tolerance, last };
+        machine.gate.update(|machine_state| {
+            (machine_state.state, machine_state.run, machine_state.measured) =
+                (State::Running, 3, 17);
+            "touch 18".clone_into(&mut machine_state.step);
         });
         let page = || {
             let values = context! { machine => standing(&machine), views => () };
-            (Standing::of(&machine).late, render("live.html", values).ok().unwrap().0)
+            (MachineStatus::of(&machine).late, render("live.html", values).ok().unwrap().0)
         };
         let (late, lives) = page();
         assert!(!late && lives.contains("touch 18") && lives.contains("time left"), "{lives}");
         assert!(lives.contains("not known yet") && !lives.contains("0:00"), "{lives}");
-        machine.desk.pulse().beat(Duration::ZERO);
+        machine.gate.heartbeat().beat(Duration::ZERO);
         std::thread::sleep(Duration::from_millis(1));
         let (late, hangs) = page();
         assert!(late && hangs.contains("unknown: the service hangs"), "{hangs}");

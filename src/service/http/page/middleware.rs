@@ -1,4 +1,4 @@
-//! Shows a person's failed request as a page.
+//! Shows a failed request of a browser as a page.
 
 use axum::extract::Request;
 use axum::middleware::Next;
@@ -7,7 +7,7 @@ use axum::response::Response;
 use super::refused::{as_page, is_json};
 use crate::service::http::access::Caller;
 
-/// Answers that say why not become a page, unless a program asked.
+/// Middleware: an error response becomes a page, unless a program sent the request.
 pub async fn for_people(request: Request, next: Next) -> Response {
     let program = is_json(request.headers());
     let tokens = request.extensions().get::<Caller>().is_some_and(Caller::has_token);

@@ -1,5 +1,5 @@
-//! The page: server-rendered, readable without a script; the script brings the live part up to date and
-//! takes every value away whose source does not answer.
+//! The page: rendered by the server and readable without a script. The script updates the live part, and removes
+//! every value whose source does not respond.
 
 mod compare;
 mod machine;
@@ -67,7 +67,7 @@ pub fn routes() -> Router<Web> {
     pages.route("/live.js", get(script)).route("/favicon.ico", get(icon))
 }
 
-/// Of a machine's page. Names of machines may hold anything.
+/// Path of a machine's page. A machine's name may contain any character.
 pub fn address(machine: &str) -> String {
     let plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_.~".contains(&byte);
     let escaped = machine.bytes().map(|byte| match plain(byte) {
@@ -81,12 +81,13 @@ pub fn render(name: &str, values: Value) -> Result<Html<String>, Problem> {
     Ok(Html(environment()?.get_template(name)?.render(values)?))
 }
 
-/// With its head and its way to other pages; `tokens`: they are demanded, and one comes in with them.
+/// Renders a complete page with its header and navigation. `tokens`: whether tokens are required, so that the page
+/// has a link to sign in.
 pub fn whole(name: &str, tokens: bool, values: Value) -> Result<Html<String>, Problem> {
     render(name, context! { tokens, ..values })
 }
 
-/// The templates, read once.
+/// The templates, parsed once.
 fn environment() -> Result<&'static Environment<'static>, minijinja::Error> {
     static READ: OnceLock<Environment<'static>> = OnceLock::new();
     if let Some(environment) = READ.get() {
@@ -109,7 +110,7 @@ async fn icon() -> impl IntoResponse {
     ([(CONTENT_TYPE, "image/svg+xml")], ICON)
 }
 
-/// One machine is shown at once.
+/// Overview of the machines; redirects to the machine's page if there is only one.
 async fn machines(State(web): State<Web>) -> Result<Response, Problem> {
     if let [only] = &*web.machines {
         return Ok(Redirect::to(&address(&only.name)).into_response());
@@ -118,7 +119,7 @@ async fn machines(State(web): State<Web>) -> Result<Response, Problem> {
     Ok(whole("machines.html", tokens, standings(&web))?.into_response())
 }
 
-/// The part of it that changes, for the script.
+/// Live part of the overview, for the script.
 async fn overview(State(web): State<Web>) -> Result<Html<String>, Problem> {
     render("overview.html", standings(&web))
 }
@@ -139,7 +140,7 @@ fn row(run: &RunSummary) -> Value {
     }
 }
 
-/// By the clock on the wall.
+/// Local date and time of this computer.
 fn moment(at: Timestamp) -> String {
     at.to_zoned(TimeZone::system()).strftime("%Y-%m-%d %H:%M:%S").to_string()
 }

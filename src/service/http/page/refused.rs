@@ -1,4 +1,4 @@
-//! What a person is told whose request came to nothing: the words of the answer as a page.
+//! Page for a request that failed: shows the error response as HTML.
 
 use axum::body::to_bytes;
 use axum::http::HeaderMap;
@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use super::whole;
 
-/// No answer of this kind is longer, bytes.
+/// Maximum size of an error response, bytes.
 const MOST: usize = 64 * 1024;
 
 #[derive(Deserialize)]
@@ -18,7 +18,7 @@ struct Words {
     remedy: String,
 }
 
-/// If it says why there is no answer. `tokens`: as for [`whole`].
+/// Converts an error response to a page; leaves others as they are. `tokens`: as for [`whole`].
 pub async fn as_page(response: Response, tokens: bool) -> Response {
     let told = is_json(response.headers());
     if !told || response.status().is_success() {
@@ -31,7 +31,7 @@ pub async fn as_page(response: Response, tokens: bool) -> Response {
     });
     match page {
         Some(page) => {
-            // What else its head says, such as when to ask again, it says still.
+            // The other headers stay, for example `Retry-After`.
             parts.headers.remove(CONTENT_TYPE);
             (parts.status, parts.headers, page).into_response()
         }
@@ -39,7 +39,7 @@ pub async fn as_page(response: Response, tokens: bool) -> Response {
     }
 }
 
-/// By the head of a request or of an answer.
+/// Whether the content type of a request or a response is JSON.
 pub fn is_json(headers: &HeaderMap) -> bool {
     let kind = headers.get(CONTENT_TYPE).and_then(|kind| kind.to_str().ok());
     kind.is_some_and(|kind| kind.starts_with("application/json"))

@@ -1,4 +1,4 @@
-//! The page of one run: what it said, what it went through, who answers for it.
+//! Page of one run: its result, its events, its signatures.
 
 use axum::extract::{Path, State};
 use axum::response::Html;
@@ -24,12 +24,12 @@ pub async fn page(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<S
     .await?
 }
 
-/// The report is a page of its own.
+/// The report is a separate page.
 pub async fn whole(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
     Ok(Html(read_journal(&web, move |journal| report(journal, RunId(run))).await??))
 }
 
-/// The finished run of the same kind before this one, to compare it with.
+/// The previous finished run of the same machine and method, for a comparison.
 fn before(journal: &Journal, this: &RunSummary) -> Result<Option<i64>, Problem> {
     let wanted = Wanted {
         before: Some(this.id),

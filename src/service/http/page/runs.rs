@@ -1,4 +1,4 @@
-//! The list of runs, a page at a time.
+//! Paged list of the runs.
 
 use axum::extract::{Query, State};
 use axum::response::Html;
@@ -17,7 +17,7 @@ pub async fn page(
     let tokens = web.access.demanded();
     read_journal(&web, move |journal| {
         let (wanted, most) = (asked.wanted(), asked.most());
-        // One more than is shown tells whether there are more.
+        // One more run than shown is read, to detect whether more runs exist.
         let mut runs = journal.some_runs(wanted, most + 1)?;
         let onward = wanted.after.is_some() && wanted.before.is_none();
         let more = runs.len() > most;

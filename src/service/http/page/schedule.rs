@@ -1,16 +1,16 @@
-//! What is due when, and what became of the last times, on a machine's page.
+//! Schedule on a machine's page: the next times, and the outcome of the last slots.
 
 use jiff::Timestamp;
 use minijinja::{Value, context};
 
 use super::moment;
-use crate::service::rota::{Agenda, Planned};
+use crate::service::schedule_state::{Agenda, Planned};
 use crate::store::{Arming, Slot};
 
-/// Outcomes that are shown.
+/// Number of outcomes that are shown.
 const LAST: usize = 5;
 
-/// `None` where nothing is planned.
+/// Values of the panel; `None` without a schedule.
 pub fn panel(agenda: &Agenda) -> Option<Value> {
     let Agenda { planned, armed, last } = agenda;
     let now = Timestamp::now();

@@ -1,4 +1,4 @@
-//! What the sensors of a prompt read, for the person who works at the machine.
+//! Live values of the sensors that a prompt names, for the person at the machine.
 
 use axum::extract::{Path, State};
 use axum::response::Html;
@@ -7,16 +7,16 @@ use minijinja::{Value, context};
 use super::render;
 use crate::service::http::Web;
 use crate::service::http::problem::Problem;
-use crate::service::http::standing::Standing;
+use crate::service::http::status::MachineStatus;
 use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
 
-/// The part that the script renews with each new value.
+/// The part that the script reloads with each new value.
 pub async fn page(
     State(web): State<Web>,
     Path(name): Path<String>,
 ) -> Result<Html<String>, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
-    let live = Standing::of(machine).asked.and_then(|asked| asked.live);
+    let live = MachineStatus::of(machine).asked.and_then(|asked| asked.live);
     render("sensors.html", context! { live => live.as_ref().map(values) })
 }
 

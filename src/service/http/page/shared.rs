@@ -1,4 +1,5 @@
-//! What many tablets ask for at once is made once: each change of the board brings all of them.
+//! Cache of the live part: each change of the machine state makes all tablets request it at once, and it is rendered
+//! once for all of them.
 
 use std::time::{Duration, Instant};
 
@@ -8,22 +9,22 @@ use tokio::sync::Mutex;
 
 use crate::service::http::problem::Problem;
 
-/// Not shown to anybody who asks later: it says as of when it is.
+/// Maximum age of the cached text, because the text contains the time of its rendering.
 const FRESH: Duration = Duration::from_millis(250);
 
-/// The live part of one machine's page, as it was made last.
+/// Last rendering of the live part of one machine's page.
 #[derive(Default)]
 pub struct Shared(Mutex<Option<Made>>);
 
 struct Made {
     at: Instant,
-    /// The board's count of changes.
+    /// Number of changes of the machine state at the rendering.
     change: u64,
     text: Bytes,
 }
 
 impl Shared {
-    /// As the board stands at `change`. Who comes while it is made waits for it.
+    /// Returns the text for the machine state at the change count `change`. Concurrent callers share one rendering.
     pub async fn at(
         &self,
         change: u64,
@@ -47,7 +48,7 @@ mod tests {
 
     use super::*;
 
-    /// Of three who ask at once two share, and the one after the change has his own.
+    /// Of three concurrent requests, two share one rendering; the one after the change gets its own.
     #[tokio::test]
     async fn a_change_is_never_hidden() {
         let (shared, count) = (Shared::default(), Cell::new(0));

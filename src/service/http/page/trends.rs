@@ -1,4 +1,4 @@
-//! How the values of one method went, on a machine's page.
+//! Trends of the values of one method, on a machine's page.
 
 use jiff::Timestamp;
 use minijinja::{Value, context};
@@ -6,7 +6,7 @@ use minijinja::{Value, context};
 use crate::archive::history::{self, Series, chart, what_changed};
 use machine::record::reading::Temperatures;
 
-/// What changed is asked for so long.
+/// Number of days over which changes are reported.
 const DAYS: u32 = 7;
 
 pub fn of_method(series: &[Series]) -> Value {
@@ -39,7 +39,7 @@ fn has_warmth(value: &history::Value) -> bool {
     value.temperatures_c.iter().next().is_some()
 }
 
-/// Empty where no thermometer has said anything.
+/// Temperatures by thermometer, °C; empty without a reading.
 fn warmth(all: &Temperatures) -> String {
     let each = all.iter().map(|(name, celsius)| format!("{name} {celsius:.1}"));
     each.collect::<Vec<_>>().join(", ")

@@ -1,5 +1,4 @@
-//! Where a run touches: plan view and side view of the artefact, as somebody who stands beside the table
-//! sees it. Its table frame; lengths in mm.
+//! Positions of the touches of a run: plan view and side view of the artefact, in the table frame; lengths in mm.
 
 use minijinja::{Value, context};
 use nalgebra::Vector3;
@@ -11,14 +10,14 @@ use machine::kinematics::Chain;
 use machine::record::plan::{Plan, Step, StepKind};
 use machine::{Axis, Position, frame::Point};
 
-/// The two views, and which coordinate points up in each.
+/// The two views, and the index of the coordinate that points up in each.
 const VIEWS: [(&str, usize); 2] = [("from above", 1), ("from the side", 2)];
-/// Marks are this part of the picture's width.
+/// Radius of a mark, as a fraction of the picture's width.
 const MARK: f64 = 1.0 / 70.0;
-/// Of all that is drawn, on each side.
+/// Margin on each side, as a fraction of the extent of the drawing.
 const MARGIN: f64 = 0.08;
 
-/// What happens in a run just now; nothing where there is no run.
+/// Views of the run in progress; `None` without a run.
 pub fn of_run(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem> {
     match run.0 {
         0 => Ok(None),
@@ -27,7 +26,7 @@ pub fn of_run(journal: &Journal, run: RunId) -> Result<Option<Value>, Problem> {
 }
 
 struct Mark {
-    /// `done`, `now` or `next`.
+    /// CSS class: `done`, `now` or `next`.
     class: &'static str,
     way: Vec<Vector3<f64>>,
 }
@@ -44,7 +43,7 @@ fn drawn(progress: &Progress) -> Option<Value> {
     })
 }
 
-/// Of each step. Stages that are not planned yet have none.
+/// Marks of all steps; stages that are not planned yet have none.
 fn marks(progress: &Progress) -> Option<Vec<Mark>> {
     let Progress { plan, stages, done } = progress;
     let chain = Chain::new(&plan.machine).ok()?;
@@ -53,7 +52,7 @@ fn marks(progress: &Progress) -> Option<Vec<Mark>> {
     let is_open = |step: u32, repeat: u32| {
         !done.contains(&(step, repeat)) && moves().any(|known| known.id == step)
     };
-    // After a stop the references come last, and the stage before them goes on.
+    // After a stop the reference checks are the last stage, and the stage before it continues after them.
     let now = stages
         .iter()
         .rev()
@@ -64,13 +63,13 @@ fn marks(progress: &Progress) -> Option<Vec<Mark>> {
         (false, false) => "next",
     };
     let mark = |step: &Step| Mark { class: class(step), way: way(plan, &chain, step) };
-    // Whatever is to be seen best is drawn last.
+    // The current step is drawn last, on top of the others.
     let mut marks: Vec<Mark> = moves().map(mark).collect();
     marks.sort_by_key(|mark| mark.class == "now");
     Some(marks)
 }
 
-/// Of the stylus ball, or of the zero point of a sensor in the spindle.
+/// Path of the stylus ball, or of the zero point of a sensor in the spindle, table frame, mm.
 fn way(plan: &Plan, chain: &Chain, step: &Step) -> Vec<Vector3<f64>> {
     let mut in_spindle = plan.sensors.iter().filter(|sensor| sensor.mount.is_spindle());
     let sensor = in_spindle.find(|sensor| sensor.name == step.sensor());
@@ -82,7 +81,7 @@ fn way(plan: &Plan, chain: &Chain, step: &Step) -> Vec<Vector3<f64>> {
     }
 }
 
-/// Least and greatest of all that is drawn, along each axis.
+/// Lower and upper bounds of the drawing along each axis, mm.
 fn bounds(marks: &[Mark], bodies: &[Shape]) -> [Vector3<f64>; 2] {
     let reach = |body: &Shape, sign: f64| {
         Vector3::from(Axis::LINEAR.map(|axis| sign * body.highest(sign * axis.direction())))
@@ -96,7 +95,7 @@ fn bounds(marks: &[Mark], bodies: &[Shape]) -> [Vector3<f64>; 2] {
         })
 }
 
-/// Both views at one scale. Down on the screen is up in the shop.
+/// Both views have one scale. The vertical coordinate is negated, because the y axis of SVG points down.
 fn view(name: &str, up: usize, marks: &[Mark], bodies: &[Shape]) -> Value {
     let [low, high] = bounds(marks, bodies);
     let span = (high - low).max().max(1.0);
@@ -118,7 +117,7 @@ fn view(name: &str, up: usize, marks: &[Mark], bodies: &[Shape]) -> Value {
     }
 }
 
-/// A circle, or a line as thick as the body: of a cylinder that lies askew its rims are left out.
+/// A circle, or a line of the body's diameter; the rims of an inclined cylinder are not drawn.
 fn outline(body: Shape, up: usize) -> Value {
     let flat = |at: Vector3<f64>| [at.x, -at[up]].map(mm);
     match body {
@@ -145,7 +144,8 @@ fn mm(value: f64) -> String {
 mod tests {
     use super::*;
 
-    /// A round part of 20 mm, 30 high, and a touch 5 mm beside it: 30 of 34.8 mm wide, both views alike.
+    /// A cylinder of 20 mm diameter and 30 mm height, and a touch 5 mm beside it: both views are 34.8 mm wide, with
+    /// 30 mm for the drawing.
     #[test]
     fn both_views_hold_all_of_it_at_one_scale() {
         let (from, to, radius) = (Vector3::zeros(), Vector3::new(0.0, 0.0, 30.0), 10.0);

@@ -1,4 +1,4 @@
-//! A connection that is watched: who asks nothing for a while is let go, and there are not too many.
+//! Watched connections: an idle connection is closed, and the number of connections is limited.
 
 use std::future::Future as _;
 use std::io;
@@ -12,14 +12,14 @@ use tokio::net::TcpStream;
 use tokio::sync::oneshot;
 use tokio::time::{Instant, Sleep, sleep};
 
-/// Half-open connections end as well.
+/// Maximum time without a received byte; after that, the connection is closed, also if it is half open.
 const IDLE: Duration = Duration::from_secs(30);
 
-/// From then on it may have to make room for another: a control that was switched off leaves a
-/// connection behind that nobody closes.
+/// Time without a received byte after which a connection may be replaced by a new one: a control that was switched
+/// off leaves a connection that is never closed.
 const QUIET: Duration = Duration::from_secs(2);
 
-/// The connections that there may be.
+/// The limited set of connections.
 pub struct Places {
     size: usize,
     taken: Mutex<Vec<Place>>,
@@ -27,7 +27,7 @@ pub struct Places {
 
 struct Place {
     heard: Arc<Mutex<Instant>>,
-    /// Dropped, it asks the connection to leave; closed by one that has left.
+    /// Dropping it requests that the connection closes; the receiver is closed once the connection is.
     leave: oneshot::Sender<()>,
 }
 
@@ -36,8 +36,8 @@ impl Places {
         Self { size, taken: Mutex::default() }
     }
 
-    /// A place for `stream`. If all are taken, the connection that was quiet for longest makes room;
-    /// `None` if none was quiet.
+    /// Returns a place for `stream`. If all are taken, the connection that has been quiet longest is replaced.
+    /// `None`: no connection was quiet.
     pub fn seat(&self, stream: TcpStream) -> Option<Guarded> {
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         taken.retain(|place| !place.leave.is_closed());
@@ -74,7 +74,7 @@ pub struct Guarded {
     frame: Frame,
 }
 
-/// The head of the request that is coming, as far as it has come.
+/// Head of the incoming request, as far as it is received.
 #[derive(Default)]
 struct Frame {
     head: Vec<u8>,
@@ -85,7 +85,7 @@ impl Frame {
     const BYTE_COUNT: usize = 12;
     const WRITE_COILS: u8 = 15;
 
-    /// Whether `byte` makes it a request that tokio-modbus 0.17 panics at: more coils than bytes for them.
+    /// Whether `byte` completes a request at which tokio-modbus 0.17 panics: more coils than its bytes can contain.
     fn is_spoilt_by(&mut self, byte: u8) -> bool {
         if self.bytes <= Self::BYTE_COUNT {
             self.head.push(byte);
@@ -111,7 +111,7 @@ impl Guarded {
     fn idle(&mut self, context: &mut Context<'_>) -> Poll<io::Error> {
         let asked = self.asked_to_leave.as_mut();
         if asked.is_none_or(|asked| Pin::new(asked).poll(context).is_ready()) {
-            // It may not be asked again.
+            // A completed receiver must not be polled again.
             self.asked_to_leave = None;
             return Poll::Ready(io::ErrorKind::ConnectionAborted.into());
         }
@@ -149,7 +149,7 @@ impl AsyncWrite for Guarded {
         bytes: &[u8],
     ) -> Poll<io::Result<usize>> {
         match Pin::new(&mut self.stream).poll_write(context, bytes) {
-            // Who reads no answers is let go as well.
+            // A client that does not read its responses is closed too.
             Poll::Pending => self.idle(context).map(Err),
             ready => ready,
         }

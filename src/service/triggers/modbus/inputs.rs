@@ -1,20 +1,20 @@
-//! What the control has written: levels, edges, and whether it lives.
+//! Inputs that the control has written: levels, edges, and the freshness of its `alive` register.
 
 use std::time::{Duration, Instant};
 
 use super::map::{
     ACKNOWLEDGE, ARTEFACT, AUTO, COILS, DOOR, ENABLE, IDLE, PROBE, START, STOP, TEMPERATURE,
 };
-use crate::service::board::Said;
 use crate::service::config::MAX_CYCLES;
-use crate::service::rota::Told;
+use crate::service::machine_state::Interlocks;
+use crate::service::schedule_state::Readiness;
 
-/// A coil must have been low for this long before its rise counts: contacts bounce.
+/// Debounce time: a coil must have been low for this long before its rising edge counts.
 const DEBOUNCE: Duration = Duration::from_millis(50);
 
-/// What a write asks for.
+/// Command that a write requests.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Wish {
+pub enum CoilCommand {
     Start(u16),
     /// More than one start in one write.
     Several,
@@ -25,16 +25,16 @@ pub enum Wish {
 #[derive(Debug)]
 pub struct Inputs {
     coils: [bool; COILS],
-    /// Since when a coil is known to be low; `None`: it is high, or was never seen.
+    /// Time since which a coil is known to be low; `None`: it is high, or was never written.
     low: [Option<Instant>; COILS],
     alive: u16,
-    /// The last two changes of `alive`, newest first.
+    /// Times of the last two changes of `alive`, newest first.
     changed: [Option<Instant>; 2],
     fresh: Duration,
 }
 
 impl Inputs {
-    /// Nothing is known yet: a coil that is high from the first is no edge.
+    /// No coil is known yet: a coil that is high at its first write is not an edge.
     pub fn new(fresh: Duration) -> Self {
         let (coils, low) = ([false; COILS], [None; COILS]);
         Self { coils, low, alive: 0, changed: [None; 2], fresh }
@@ -55,32 +55,32 @@ impl Inputs {
         }
     }
 
-    /// `values` from coil `first` on, which must fit. In the order in which they are to be done.
-    pub fn write(&mut self, first: usize, values: &[bool], now: Instant) -> Vec<Wish> {
+    /// Writes `values` from coil `first` on; they must fit. Returns the commands in the order of execution.
+    pub fn write(&mut self, first: usize, values: &[bool], now: Instant) -> Vec<CoilCommand> {
         let mut rises = Vec::new();
         let coils = self.coils.iter_mut().zip(self.low.iter_mut()).enumerate().skip(first);
         for ((number, (coil, low)), &value) in coils.zip(values) {
             let settled = low.is_some_and(|since| now.duration_since(since) >= DEBOUNCE);
             let rise = value && !*coil;
-            // A stop needs no such care.
+            // A stop is not debounced.
             if rise && (settled || number == usize::from(STOP)) {
                 rises.push(number as u16);
             }
             *low = if value { None } else { low.or(Some(now)) };
             *coil = value;
         }
-        wishes(&rises)
+        coil_commands(&rises)
     }
 
-    /// Fresh after two changes of `alive`, each in time: a control that comes back does not start with
-    /// what it wrote long ago.
-    pub fn said(&self, now: Instant) -> Said {
-        let [Some(last), Some(before)] = self.changed else { return Said::default() };
+    /// Interlocks of the control. They are fresh after two changes of `alive`, each in time, so that a control that
+    /// returns does not start a cycle with values that it wrote long ago.
+    pub fn interlocks(&self, now: Instant) -> Interlocks {
+        let [Some(last), Some(before)] = self.changed else { return Interlocks::default() };
         let in_time = |from: Instant, to: Instant| to.duration_since(from) <= self.fresh;
         if !in_time(last, now) || !in_time(before, last) {
-            return Said::default();
+            return Interlocks::default();
         }
-        Said {
+        Interlocks {
             fresh: true,
             enable: self.coil(ENABLE),
             auto: self.coil(AUTO),
@@ -90,10 +90,10 @@ impl Inputs {
         }
     }
 
-    /// As [`Self::said`], with what only a schedule asks for.
-    pub fn told(&self, now: Instant) -> Told {
-        Told {
-            said: self.said(now),
+    /// Interlocks as by [`Self::interlocks`], and the further conditions of a schedule.
+    pub fn readiness(&self, now: Instant) -> Readiness {
+        Readiness {
+            interlocks: self.interlocks(now),
             probe: self.coil(PROBE),
             artefact: self.coil(ARTEFACT),
             temperature: self.coil(TEMPERATURE),
@@ -106,23 +106,23 @@ impl Inputs {
     }
 }
 
-fn wishes(rises: &[u16]) -> Vec<Wish> {
+fn coil_commands(rises: &[u16]) -> Vec<CoilCommand> {
     let starts: Vec<u16> =
         rises.iter().filter_map(|coil| coil.checked_sub(START)).filter(|k| *k > 0).collect();
     debug_assert!(starts.iter().all(|k| *k <= MAX_CYCLES));
-    let mut wishes = Vec::new();
+    let mut coil_commands = Vec::new();
     if rises.contains(&STOP) {
-        wishes.push(Wish::Stop);
+        coil_commands.push(CoilCommand::Stop);
     }
     if rises.contains(&ACKNOWLEDGE) {
-        wishes.push(Wish::Acknowledge);
+        coil_commands.push(CoilCommand::Acknowledge);
     }
     match starts.as_slice() {
         [] => {}
-        [cycle] => wishes.push(Wish::Start(*cycle)),
-        _ => wishes.push(Wish::Several),
+        [cycle] => coil_commands.push(CoilCommand::Start(*cycle)),
+        _ => coil_commands.push(CoilCommand::Several),
     }
-    wishes
+    coil_commands
 }
 
 #[cfg(test)]
@@ -134,7 +134,7 @@ mod tests {
     }
 
     fn starts(inputs: &mut Inputs, value: bool, now: Instant) -> bool {
-        inputs.write(11, &[value], now) == [Wish::Start(1)]
+        inputs.write(11, &[value], now) == [CoilCommand::Start(1)]
     }
 
     #[test]
@@ -156,11 +156,14 @@ mod tests {
     fn a_stop_counts_at_once_and_two_starts_are_several() {
         let t = Instant::now();
         let mut inputs = Inputs::new(Duration::from_secs(1));
-        assert_eq!(inputs.write(3, &[true], t), [Wish::Stop]);
+        assert_eq!(inputs.write(3, &[true], t), [CoilCommand::Stop]);
         assert_eq!(inputs.write(0, &[false; COILS], ms(t, 10)), []);
         let mut both = [false; COILS];
         (both[11], both[18], both[4]) = (true, true, true);
-        assert_eq!(inputs.write(0, &both, ms(t, 100)), [Wish::Acknowledge, Wish::Several]);
+        assert_eq!(
+            inputs.write(0, &both, ms(t, 100)),
+            [CoilCommand::Acknowledge, CoilCommand::Several]
+        );
     }
 
     #[test]
@@ -169,17 +172,23 @@ mod tests {
         let mut inputs = Inputs::new(Duration::from_secs(1));
         inputs.write(0, &[true, true, true], t);
         inputs.write_alive(1, t);
-        assert!(!inputs.said(ms(t, 1)).enable, "one change is none");
+        assert!(!inputs.interlocks(ms(t, 1)).enable, "one change is none");
         inputs.write_alive(1, ms(t, 500));
-        assert!(!inputs.said(ms(t, 501)).enable, "the same again is no change");
+        assert!(!inputs.interlocks(ms(t, 501)).enable, "the same again is no change");
         inputs.write_alive(2, ms(t, 900));
-        let all =
-            Said { fresh: true, enable: true, auto: true, door: true, stop: false, person: false };
-        assert_eq!(inputs.said(ms(t, 1900)), all);
-        assert_eq!(inputs.said(ms(t, 1901)), Said::default());
+        let all = Interlocks {
+            fresh: true,
+            enable: true,
+            auto: true,
+            door: true,
+            stop: false,
+            person: false,
+        };
+        assert_eq!(inputs.interlocks(ms(t, 1900)), all);
+        assert_eq!(inputs.interlocks(ms(t, 1901)), Interlocks::default());
         inputs.write_alive(3, ms(t, 60_000));
-        assert_eq!(inputs.said(ms(t, 60_001)), Said::default(), "back after a minute");
+        assert_eq!(inputs.interlocks(ms(t, 60_001)), Interlocks::default(), "back after a minute");
         inputs.write_alive(4, ms(t, 60_500));
-        assert_eq!(inputs.said(ms(t, 60_501)), all);
+        assert_eq!(inputs.interlocks(ms(t, 60_501)), all);
     }
 }

@@ -1,8 +1,8 @@
-//! The registers of the daemon's own server. This is the one place where they are laid down; the
-//! table in docs/modbus.md is compared with it.
+//! Register map of the daemon's own Modbus server, defined only here; a test compares it with the table in
+//! docs/modbus.md.
 
-use crate::service::board::{Board, Said};
 use crate::service::config::MAX_CYCLES;
+use crate::service::machine_state::{Interlocks, MachineState};
 use machine::record::estimate::{Parameter, Unit, Verdict};
 
 /// Coils: written by the control, read back as written.
@@ -11,7 +11,7 @@ pub const AUTO: u16 = 1;
 pub const DOOR: u16 = 2;
 pub const STOP: u16 = 3;
 pub const ACKNOWLEDGE: u16 = 4;
-/// What a cycle without anybody there may need beyond: see docs/schedule.md.
+/// Conditions of an unattended cycle: see docs/schedule.md.
 pub const PROBE: u16 = 5;
 pub const ARTEFACT: u16 = 6;
 pub const TEMPERATURE: u16 = 7;
@@ -20,11 +20,11 @@ pub const IDLE: u16 = 8;
 pub const START: u16 = 10;
 pub const COILS: usize = (START + MAX_CYCLES + 1) as usize;
 
-/// The one holding register: changes as long as the control lives.
+/// The only holding register; the control changes it continuously as a sign of life.
 pub const ALIVE: u16 = 0;
 pub const HOLDINGS: usize = 1;
 
-/// Input registers: how things stand.
+/// Input registers: state of the machine.
 const HEARTBEAT: usize = 0;
 const STATE: usize = 1;
 const PROGRESS: usize = 2;
@@ -39,15 +39,15 @@ const VERSION: usize = 11;
 const MAP: usize = 14;
 const COUNT: usize = 15;
 const DEVIATIONS: usize = 100;
-/// Registers a deviation.
+/// Number of registers of a deviation.
 const RECORD: usize = 10;
-/// As many as fit into one request.
+/// Maximum number of deviations, so that all fit into one request.
 const MOST: usize = 12;
 pub const INPUTS: usize = DEVIATIONS + MOST * RECORD;
-/// Of this layout.
+/// Version of this register map.
 const MAP_VERSION: u16 = 1;
 
-/// Of the rows that docs/modbus.md shows: space, first register, name.
+/// Rows of docs/modbus.md: space, first register, name.
 #[cfg(test)]
 pub const ROWS: [(&str, usize, &str); 25] = [
     ("coil", ENABLE as usize, "enable"),
@@ -77,10 +77,14 @@ pub const ROWS: [(&str, usize, &str); 25] = [
     ("input", COUNT, "count"),
 ];
 
-/// All input registers at one instant.
-pub fn image(board: &Board, said: Said, heartbeat: u16) -> [u16; INPUTS] {
+/// Values of all input registers at one instant.
+pub fn image(
+    machine_state: &MachineState,
+    interlocks: Interlocks,
+    heartbeat: u16,
+) -> [u16; INPUTS] {
     let mut image = [0; INPUTS];
-    let verdict = match board.verdict {
+    let verdict = match machine_state.verdict {
         None => 0,
         Some(Verdict::Pass) => 1,
         Some(Verdict::Fail) => 2,
@@ -88,23 +92,25 @@ pub fn image(board: &Board, said: Said, heartbeat: u16) -> [u16; INPUTS] {
         Some(Verdict::None) => 4,
         Some(Verdict::UndecidedModel) => 5,
     };
-    let flags = [said.fresh, said.enable, said.auto, said.door, said.stop];
+    let flags =
+        [interlocks.fresh, interlocks.enable, interlocks.auto, interlocks.door, interlocks.stop];
     let mask = flags.iter().rev().fold(0, |mask, flag| mask << 1 | u16::from(*flag));
-    let shown = board.deviations.len().min(MOST);
+    let shown = machine_state.deviations.len().min(MOST);
     image[HEARTBEAT] = heartbeat;
-    image[STATE] = board.state as u16;
-    image[PROGRESS] = board.progress_percent;
+    image[STATE] = machine_state.state as u16;
+    image[PROGRESS] = machine_state.progress_percent;
     image[VERDICT] = verdict;
-    image[CYCLE] = board.cycle;
-    put(&mut image, RUN, &words(board.run));
-    image[ACCEPTED] = board.accepted;
-    image[REFUSED] = board.refused;
-    image[REFUSAL] = board.refusal.map_or(0, |why| why as u16);
+    image[CYCLE] = machine_state.cycle;
+    put(&mut image, RUN, &words(machine_state.run));
+    image[ACCEPTED] = machine_state.accepted;
+    image[REFUSED] = machine_state.refused;
+    image[REFUSAL] = machine_state.refusal.map_or(0, |why| why as u16);
     image[SAID] = mask;
     put(&mut image, VERSION, &version());
     image[MAP] = MAP_VERSION;
     image[COUNT] = shown as u16;
-    for (place, parameter) in (DEVIATIONS..).step_by(RECORD).zip(&board.deviations[..shown]) {
+    for (place, parameter) in (DEVIATIONS..).step_by(RECORD).zip(&machine_state.deviations[..shown])
+    {
         put(&mut image, place, &deviation(parameter));
     }
     image
@@ -114,7 +120,7 @@ fn put(image: &mut [u16; INPUTS], at: usize, registers: &[u16]) {
     image.iter_mut().skip(at).zip(registers).for_each(|(to, from)| *to = *from);
 }
 
-/// High word first.
+/// Registers of a 32-bit value, high word first.
 fn words(value: u32) -> [u16; 2] {
     [(value >> 16) as u16, value as u16]
 }
@@ -128,8 +134,8 @@ fn version() -> [u16; 3] {
     .map(|part| part.parse().unwrap_or(0))
 }
 
-/// Symbol (eight characters), unit, value and expanded uncertainty in thousandths of the unit,
-/// whether it could be identified.
+/// Symbol (eight characters), unit, value and expanded uncertainty in thousandths of the unit, and whether the
+/// parameter is identifiable.
 fn deviation(parameter: &Parameter) -> [u16; RECORD] {
     let unit = match parameter.unit {
         Unit::Um => 1,
@@ -138,7 +144,7 @@ fn deviation(parameter: &Parameter) -> [u16; RECORD] {
         Unit::Mm => 4,
         Unit::Ms => 5,
     };
-    // A cast saturates.
+    // The cast saturates.
     let thousandths = |value: f64| words((value * 1e3).round() as i32 as u32);
     let bytes = parameter.symbol.as_bytes();
     let byte = |at: usize| u16::from(bytes.get(at).copied().unwrap_or(0));
@@ -152,7 +158,7 @@ fn deviation(parameter: &Parameter) -> [u16; RECORD] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::service::board::REFUSALS;
+    use crate::service::machine_state::REFUSALS;
 
     const DOCS: &str = include_str!("../../../../docs/modbus.md");
 

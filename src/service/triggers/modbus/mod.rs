@@ -1,5 +1,5 @@
-//! The daemon's own Modbus TCP server, on a thread of its own: what a client does, or a thousand, the
-//! run does not notice. Only who is on the list is listened to; every unit identifier is ours.
+//! The daemon's own Modbus TCP server, on its own thread, so that its clients do not delay a run. Only listed
+//! addresses may connect; requests for every unit identifier are answered.
 
 mod guard;
 mod inputs;
@@ -18,29 +18,29 @@ use tokio_modbus::server::Service;
 use tokio_modbus::server::tcp::Server;
 
 use self::guard::{Guarded, Places};
-use self::inputs::{Inputs, Wish};
+use self::inputs::{CoilCommand, Inputs};
 use self::map::{COILS, HOLDINGS, INPUTS};
-use crate::service::ask::Looked;
-use crate::service::board::Refusal;
+use crate::service::command_gate::CommandGate;
 use crate::service::config::Modbus;
-use crate::service::desk::Desk;
+use crate::service::machine_state::Refusal;
+use crate::service::worker_command::Inspection;
 use crate::service::{Log, ServeError};
 
-/// The heartbeat counts these.
+/// Period of the heartbeat counter.
 const BEAT: Duration = Duration::from_millis(250);
-/// Connections at a time.
+/// Maximum number of connections.
 const PLACES: usize = 16;
-/// Before listening again when the system had no room for a connection.
+/// Pause before the server listens again after an error.
 const PAUSE: Duration = Duration::from_millis(100);
-/// Of registers and of coils in one request, by the protocol.
+/// Maximum number of registers in one request, by the protocol; [`MOST_COILS`] is that of coils.
 const MOST_REGISTERS: u16 = 125;
 const MOST_COILS: u16 = 2000;
 
-/// Listen, and answer from then on.
+/// Starts the server.
 ///
 /// # Errors
-/// The address cannot be listened on.
-pub fn start(config: &Modbus, desk: &Desk, log: &Log) -> Result<(), ServeError> {
+/// The address cannot be listened on, or the thread cannot be started.
+pub fn start(config: &Modbus, gate: &CommandGate, log: &Log) -> Result<(), ServeError> {
     let failed =
         |source| ServeError::Listen { what: "the Modbus server", listen: config.listen, source };
     let listener = std::net::TcpListener::bind(config.listen).map_err(failed)?;
@@ -48,10 +48,11 @@ pub fn start(config: &Modbus, desk: &Desk, log: &Log) -> Result<(), ServeError> 
     log.say(&format!("Modbus TCP on {}", listener.local_addr().map_err(failed)?));
     let fresh = Duration::from_secs_f64(config.fresh_s);
     let inputs = Arc::new(Mutex::new(Inputs::new(fresh)));
-    let shared = Arc::new(Shared { desk: desk.clone(), inputs, since: Instant::now() });
+    let shared = Arc::new(Shared { gate: gate.clone(), inputs, since: Instant::now() });
     let told = Arc::clone(&shared.inputs);
-    desk.rota()
-        .tells(move || told.lock().unwrap_or_else(PoisonError::into_inner).told(Instant::now()));
+    gate.schedule_state().add_readiness_source(move || {
+        told.lock().unwrap_or_else(PoisonError::into_inner).readiness(Instant::now())
+    });
     let door = Door {
         allow: config.allow.clone().into(),
         places: Places::new(PLACES),
@@ -89,7 +90,7 @@ struct Door {
     places: Places,
     shared: Arc<Shared>,
     log: Log,
-    /// The last one that was turned away: it is told once.
+    /// The last refused address: it is logged only once.
     stranger: Mutex<Option<IpAddr>>,
 }
 
@@ -103,7 +104,7 @@ impl Door {
             }
             return None;
         }
-        // Small answers, at once. Where it cannot be had they come a little later.
+        // Responses are small and sent at once; on an error they are only delayed.
         let _ = stream.set_nodelay(true);
         let client = Client { shared: self.shared.clone(), by: format!("Modbus client {by}") };
         Some((client, self.places.seat(stream)?))
@@ -111,7 +112,7 @@ impl Door {
 }
 
 struct Shared {
-    desk: Desk,
+    gate: CommandGate,
     inputs: Arc<Mutex<Inputs>>,
     since: Instant,
 }
@@ -122,27 +123,27 @@ impl Shared {
     }
 
     fn image(&self) -> [u16; INPUTS] {
-        let said = self.inputs().said(Instant::now());
+        let interlocks = self.inputs().interlocks(Instant::now());
         let beats = self.since.elapsed().as_millis() / BEAT.as_millis();
-        map::image(&self.desk.board(), said, beats as u16)
+        map::image(&self.gate.machine_state(), interlocks, beats as u16)
     }
 
     fn write_coils(&self, first: u16, values: &[bool], by: &str) -> Result<(), ExceptionCode> {
         let range = range(first, values.len() as u16, MOST_COILS, COILS)?;
         let now = Instant::now();
-        let (wishes, said) = {
+        let (coil_commands, interlocks) = {
             let mut inputs = self.inputs();
-            (inputs.write(range.start, values, now), inputs.said(now))
+            (inputs.write(range.start, values, now), inputs.interlocks(now))
         };
-        for wish in wishes {
+        for wish in coil_commands {
             match wish {
-                // Refused: the board says why.
-                Wish::Start(cycle) => drop(self.desk.start(cycle, said, by)),
-                Wish::Several => self.desk.refuse(Refusal::Several, by),
-                Wish::Stop => drop(self.desk.stop(by)),
-                // Why not stands on the board.
-                Wish::Acknowledge => {
-                    drop(self.desk.acknowledge(Looked { who: by, ..Looked::default() }));
+                // The reason of a refusal is in the machine state.
+                CoilCommand::Start(cycle) => drop(self.gate.start(cycle, interlocks, by)),
+                CoilCommand::Several => self.gate.refuse(Refusal::Several, by),
+                CoilCommand::Stop => drop(self.gate.stop(by)),
+                // The reason of a refusal is in the machine state.
+                CoilCommand::Acknowledge => {
+                    drop(self.gate.acknowledge(Inspection { who: by, ..Inspection::default() }));
                 }
             }
         }
@@ -158,7 +159,7 @@ impl Shared {
     }
 }
 
-/// Where `count` from `first` on lie, of `size` that there are.
+/// Indexes of `count` registers from `first` on, out of `size`; at most `most` in one request.
 fn range(first: u16, count: u16, most: u16, size: usize) -> Result<Range<usize>, ExceptionCode> {
     if count == 0 || count > most {
         return Err(ExceptionCode::IllegalDataValue);
@@ -170,7 +171,7 @@ fn range(first: u16, count: u16, most: u16, size: usize) -> Result<Range<usize>,
     }
 }
 
-/// One connection.
+/// Handler of one connection.
 struct Client {
     shared: Arc<Shared>,
     by: String,

@@ -1,46 +1,45 @@
-//! How a machine stands, as a program reads it.
+//! State of a machine, for programs.
 
 use jiff::Timestamp;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::Shown;
+use super::ServedMachine;
 use super::openapi::views::{LiveValuesView, ParameterView, VerdictView};
-use super::results::Told;
+use super::results::NewestResult;
 use crate::run::Asked;
-use crate::service::board::{Board, Failure, State};
+use crate::service::machine_state::{Failure, MachineState, State};
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::watch::LiveValues;
 
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
-pub struct Standing {
+pub struct MachineStatus {
     pub name: String,
     pub state: &'static str,
-    /// Whoever works at the machine has given no sign of life in its time: nothing that is said of the run is
-    /// known to be so now.
+    /// Whether the machine's worker has missed its heartbeat: the values of the run may be out of date.
     pub late: bool,
-    /// What the newest finished run in the journal has told, whoever measured it; null before there is one.
-    pub result: Option<Told>,
-    /// The newest run that was measured to its end, if it has no estimate: `result` is outdated. Null otherwise.
+    /// Result of the newest finished run in the journal, whichever process measured it; null before the first.
+    pub result: Option<NewestResult>,
+    /// Newest completely measured run, if it has no estimate: `result` is outdated. Null otherwise.
     pub not_identified: Option<i64>,
-    /// Of `run`, when it has come to its end.
+    /// Verdict of `run`, once it has ended.
     #[schema(value_type = Option<VerdictView>)]
     pub verdict: Option<Verdict>,
     pub cycle: u16,
-    /// 0 before there is one.
+    /// Number of the run; 0 before the first.
     pub run: u32,
     pub progress_percent: u16,
     pub stage: String,
     pub step: String,
-    /// By its plan before it moves; null where nobody knows.
+    /// Remaining machine time, s: from the plan before the first motion; null where it is unknown.
     pub remaining_s: Option<f64>,
     pub measured: u32,
     pub refusal: Option<String>,
-    /// Why the last cycle did not come to its end.
+    /// Why the last cycle was not completed.
     pub failure: Option<Failure>,
-    /// While held: another program has the machine, and may move it.
+    /// While the machine is held: whether another process holds its lock and may move it.
     pub elsewhere: bool,
-    /// The run waits until a person has done this.
+    /// Open prompt: the run waits until a person has done this.
     pub asked: Option<Question>,
     #[schema(value_type = Vec<ParameterView>)]
     pub parameters: Vec<Parameter>,
@@ -58,7 +57,7 @@ pub struct Question {
     pub step: u32,
     pub repeat: u32,
     pub text: String,
-    /// What the prompt's sensors read, a few times a second; absent where it watches none.
+    /// Live values of the sensors that the prompt names, updated a few times a second; absent where it names none.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(required = false, value_type = Option<LiveValuesView>)]
     pub live: Option<LiveValues>,
@@ -68,9 +67,9 @@ pub fn state(state: State) -> &'static str {
     state.word()
 }
 
-impl Standing {
-    pub fn of(machine: &Shown) -> Self {
-        let Board {
+impl MachineStatus {
+    pub fn of(machine: &ServedMachine) -> Self {
+        let MachineState {
             state: now,
             progress_percent,
             verdict,
@@ -87,13 +86,13 @@ impl Standing {
             asked,
             live,
             ..
-        } = machine.desk.board();
+        } = machine.gate.machine_state();
         let cycles = machine.cycles.iter();
         let cycles = cycles.map(|c| Startable { number: c.number, method: c.method.clone() });
         Self {
             name: machine.name.clone(),
             state: state(now),
-            late: machine.desk.pulse().is_late(),
+            late: machine.gate.heartbeat().is_late(),
             result: machine.last.at(Timestamp::now()).map(|(told, _)| told),
             not_identified: machine.last.not_identified().map(|run| run.0),
             verdict,

@@ -1,4 +1,4 @@
-//! What the schedule writes down: what became of each slot, and the end of an arming.
+//! Records of the schedule in the journal: the outcome of each slot, and the end of an arming.
 
 use std::sync::Arc;
 
@@ -7,24 +7,24 @@ use jiff::Timestamp;
 use crate::service::Log;
 use crate::store::{Arming, Journal, Outcome, RunId, Slot, StoreError};
 
-/// Of the journal's slots that one looks through.
+/// Number of recent slots that a query reads.
 const RECENT: usize = 1000;
-/// Who ends an arming that nobody ended.
+/// Name under which the program itself ends an arming.
 const SELF: &str = "trued";
 
-pub struct Books {
+pub struct SlotRecords {
     pub machine: String,
     pub journal: Arc<Journal>,
     pub log: Log,
 }
 
-impl Books {
+impl SlotRecords {
     pub fn slot(&self, schedule: &str, cycle: u16, at: Timestamp, outcome: Outcome) -> Slot {
         let (machine, schedule) = (self.machine.clone(), schedule.to_owned());
         Slot { machine, schedule, cycle, at, outcome, why: String::new(), run: 0 }
     }
 
-    /// Whether it is written down now; it is not, where it was decided before.
+    /// Writes the slot to the journal. Returns `false` if its outcome was decided before, or on a journal error.
     pub fn keep(&self, slot: &Slot) -> bool {
         self.journal.slot(slot).wait().unwrap_or_else(|error| {
             self.log.fault(&format!("schedule {}: {error}; {}", slot.schedule, error.remedy()));
@@ -32,7 +32,7 @@ impl Books {
         })
     }
 
-    /// The same, and say so.
+    /// Writes the slot as [`Self::keep`] does, and logs it.
     pub fn tell(&self, slot: &Slot) {
         if self.keep(slot) {
             let Slot { schedule, at, outcome, why, .. } = slot;
@@ -40,12 +40,12 @@ impl Books {
         }
     }
 
-    /// Newest first.
+    /// Recent slots, newest first.
     pub fn recent(&self) -> Result<Vec<Slot>, StoreError> {
         self.journal.slots(&self.machine, RECENT)
     }
 
-    /// Whether nothing became of it yet that stands.
+    /// Whether the slot may still start: it has no outcome, or was only missed.
     pub fn is_open(&self, schedule: &str, at: Timestamp) -> bool {
         let slots = self.recent().unwrap_or_default();
         let slot = slots.iter().find(|slot| slot.schedule == schedule && slot.at == at);
@@ -60,7 +60,7 @@ impl Books {
         }
     }
 
-    /// How the run of a slot that was started has ended; whether well.
+    /// Records how the run of a started slot has ended; returns whether it has a result.
     pub fn settle(&self, slot: Slot) -> bool {
         let stored = (slot.run > 0).then(|| self.journal.load(RunId(slot.run)));
         let (outcome, why) = match stored {
@@ -78,7 +78,7 @@ impl Books {
         outcome == Outcome::Ran
     }
 
-    /// An arming that a run has broken ends for good.
+    /// Ends the arming permanently if a run has broken it.
     pub fn end_if_broken(&self, arming: &Arming) {
         if let (None, Some(run)) = (&arming.ended, arming.broken) {
             self.disarm(Some(arming.cycle), &format!("run {run} did not come to its end"));

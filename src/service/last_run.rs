@@ -1,13 +1,13 @@
-//! What the journal says of the machine's last run: whether a person is waited for.
+//! State of the machine's last run in the journal: whether it waits for a person.
 
-use super::board::Failure;
+use super::machine_state::Failure;
 use crate::archive::story::{how_it_ended, is_left, position_lost};
 use crate::store::{Journal, RunId, RunSummary, StoreError, Wanted};
 
-/// A run that waits for a person.
+/// An unfinished run that waits for a person.
 pub struct Unfinished {
     pub run: RunId,
-    /// The axes must be homed first: a button cannot say so.
+    /// Whether the axes must be homed first; a physical button cannot confirm that.
     pub position_lost: bool,
     pub why: Failure,
 }
@@ -18,7 +18,7 @@ pub fn last_of(journal: &Journal, machine: &str) -> Result<Option<RunSummary>, S
     Ok(journal.some_runs(wanted, 1)?.pop())
 }
 
-/// The last run of `machine`, if it is unfinished and nobody has left it so.
+/// The last run of `machine`, if it is unfinished and no person has acknowledged that it stays unfinished.
 pub fn unfinished(journal: &Journal, machine: &str) -> Result<Option<Unfinished>, StoreError> {
     let Some(last) = last_of(journal, machine)?.filter(|run| run.state.is_resumable()) else {
         return Ok(None);
@@ -38,7 +38,8 @@ mod tests {
     use crate::store::{NewRun, RunState};
     use machine::record::event::Event;
 
-    /// Who wanted to let it go on has not left it: a service that begins after a power cut waits for a person.
+    /// An acknowledgement for a resume does not close the run: a service that starts after a power cut still waits
+    /// for a person.
     #[test]
     fn a_run_is_left_by_who_says_so_and_until_it_goes_on() {
         let dir = tempfile::tempdir().unwrap();

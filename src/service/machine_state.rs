@@ -1,4 +1,4 @@
-//! How things stand, for whoever asks.
+//! State of a machine, for the triggers, the page and the HTTP API.
 
 use serde::Serialize;
 use utoipa::ToSchema;
@@ -8,16 +8,16 @@ use crate::run::Asked;
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::watch::LiveValues;
 
-/// What the service does.
+/// State of the service of one machine.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum State {
     #[default]
     Starting = 0,
     Waiting = 1,
     Running = 2,
-    /// The machine holds, or an unfinished run waits: for a person.
+    /// The machine is held, or an unfinished run exists; a person must act.
     Held = 3,
-    /// The last cycle could not be measured; nothing of it is unfinished.
+    /// The last cycle could not be measured; it left no unfinished run.
     Failed = 4,
     Ending = 5,
 }
@@ -79,7 +79,7 @@ pub enum Refusal {
     NotAsked = 18,
 }
 
-/// All of them.
+/// All refusals.
 #[cfg(test)]
 pub const REFUSALS: [Refusal; 18] = [
     Refusal::Busy,
@@ -102,19 +102,19 @@ pub const REFUSALS: [Refusal; 18] = [
     Refusal::NotAsked,
 ];
 
-/// What the machine says of itself, as far as it is fresh.
+/// Interlock inputs that the machine reports; they count only while they are fresh.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Said {
+pub struct Interlocks {
     pub fresh: bool,
     pub enable: bool,
     pub auto: bool,
     pub door: bool,
     pub stop: bool,
-    /// Somebody has started it who answers what it asks; no machine says so.
+    /// Whether a person who can answer prompts has started the cycle; a machine never reports this.
     pub person: bool,
 }
 
-impl Said {
+impl Interlocks {
     pub(super) fn lacks(self, demands: &[Demand]) -> Option<Refusal> {
         if !self.fresh {
             return Some(Refusal::Stale);
@@ -128,50 +128,50 @@ impl Said {
     }
 }
 
-/// How things stand: everything that a trigger may tell.
+/// State of a machine: everything that a trigger may report.
 #[derive(Debug, Clone, Default)]
-pub struct Board {
+pub struct MachineState {
     pub state: State,
     pub progress_percent: u16,
-    /// Of the last cycle that came to its end; `None` before.
+    /// Verdict of the last completed cycle; `None` before the first.
     pub verdict: Option<Verdict>,
-    /// The cycle that runs or ran last, 0 before.
+    /// Number of the cycle that is running or ran last; 0 before the first.
     pub cycle: u16,
-    /// The run of this cycle, 0 before it has one.
+    /// Number of the run of this cycle; 0 until it has one.
     pub run: u32,
-    /// Counters, they wrap.
+    /// Number of accepted starts; wraps around, as does `refused`, the number of refusals.
     pub accepted: u16,
     pub refused: u16,
     pub refusal: Option<Refusal>,
-    /// Runs that were identified while the machine waited; it wraps.
+    /// Runs that were identified while the machine waited; the counter wraps around.
     pub identified: u16,
     pub deviations: Vec<Parameter>,
-    /// What the run does just now: its stage and its step; empty while none is on.
+    /// Current stage and step of the run; empty while no run is in progress.
     pub stage: String,
     pub step: String,
-    /// Machine time that is left, s: by its plan until the run knows better; `None` where nobody knows.
+    /// Remaining machine time, s: from the plan until the run reports it; `None` where it is unknown.
     pub remaining_s: Option<f64>,
-    /// Touches and scans that are in the journal.
+    /// Number of touches and scans in the journal.
     pub measured: u32,
-    /// While held: another program has the machine, and may move it.
+    /// While the machine is held: whether another process holds its lock and may move it.
     pub elsewhere: bool,
-    /// Why the last cycle did not come to its end, and what to do; `None` once that is settled.
+    /// Why the last cycle was not completed, and the remedy; `None` once that is resolved.
     pub failure: Option<Failure>,
-    /// What a person is asked to do; nothing moves before it is answered.
+    /// Open prompt; the machine does not move before a person answers it.
     pub asked: Option<Asked>,
-    /// What the sensors read that the person who is asked watches; `None` before the first values.
+    /// Live values of the sensors that the open prompt names; `None` before the first values.
     pub live: Option<LiveValues>,
 }
 
-/// In words, for a person.
+/// Error message for a person.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, ToSchema)]
 pub struct Failure {
     pub what: String,
     pub remedy: Option<String>,
 }
 
-impl Board {
-    /// Nothing of what was before stands on. `machine_s`: what it will take, as far as that is known.
+impl MachineState {
+    /// Resets the state for a new cycle. `machine_s`: expected machine time, s, if it is known.
     pub(super) fn begins(&mut self, cycle: u16, machine_s: Option<f64>) {
         (self.state, self.cycle, self.run) = (State::Running, cycle, 0);
         (self.progress_percent, self.verdict) = (0, None);

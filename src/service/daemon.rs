@@ -1,25 +1,25 @@
-//! All machines of one daemon: an attendant and a thread each, so that what one run computes does not
-//! make another machine wait.
+//! All machines of one daemon. Each has its own worker and thread, so that the computations of one run do not
+//! delay another machine.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::{Builder, JoinHandle};
 
-use super::attend::Attendant;
 use super::captures::Captures;
+use super::command_gate::CommandGate;
 use super::config::{Config, Http};
-use super::desk::Desk;
-use super::keep::{self, Retention};
 use super::metrics::Metrics;
+use super::retention::{self, Retention};
+use super::worker::MachineWorker;
 use super::{Ended, Log, ServeError, http, notify};
 use crate::setup::{MachineFile, Pace};
 use crate::store::Journal;
 use devices::controllers::Halt;
 
-/// Machines, waiting.
+/// The machines that the daemon serves, before it starts.
 pub struct Service {
-    attendants: Vec<Attendant>,
+    workers: Vec<MachineWorker>,
     http: Option<Http>,
     folder: PathBuf,
     log: Log,
@@ -29,10 +29,11 @@ pub struct Service {
 }
 
 impl Service {
-    /// `folder`: where journal and locks are. Nothing is opened yet.
+    /// `folder`: folder of the journal and the locks. Nothing is opened yet.
     ///
     /// # Errors
-    /// A cycle of a method or with settings that there are not; a machine that nothing could start.
+    /// A cycle has an unknown method or invalid settings, two machines have the same name, or no trigger could start
+    /// a machine.
     pub fn new(
         machines: Vec<(MachineFile, Config)>,
         http: Option<Http>,
@@ -41,10 +42,10 @@ impl Service {
         log: Log,
     ) -> Result<Self, ServeError> {
         let (several, metrics) = (machines.len() > 1, Metrics::default());
-        let mut attendants: Vec<Attendant> = Vec::new();
+        let mut workers: Vec<MachineWorker> = Vec::new();
         for (machine, config) in machines {
             let name = machine.machine.name.clone();
-            if attendants.iter().any(|other| other.name() == name) {
+            if workers.iter().any(|other| other.name() == name) {
                 return Err(ServeError::SameName(name));
             }
             if http.is_none() && config.modbus.is_none() && config.line.is_none() {
@@ -52,62 +53,63 @@ impl Service {
             }
             let log = if several { log.of(name) } else { log.clone() };
             let served = (machine, config);
-            attendants.push(Attendant::new(served, folder.clone(), pace, log, &metrics)?);
+            workers.push(MachineWorker::new(served, folder.clone(), pace, log, &metrics)?);
         }
         let (captures, retention) = (None, None);
-        Ok(Self { attendants, http, folder, log, metrics, captures, retention })
+        Ok(Self { workers, http, folder, log, metrics, captures, retention })
     }
 
-    /// With every byte of each run's links in a file: `file` with the run's number before its ending.
+    /// Captures every byte of each run's links: the file name is that of `file` with the run's number before the
+    /// extension.
     pub fn capturing(mut self, file: PathBuf) -> Self {
         let captures = Captures::new(file);
-        let attendants = self.attendants.into_iter();
-        self.attendants = attendants.map(|one| one.capturing(captures.clone())).collect();
+        let workers = self.workers.into_iter();
+        self.workers = workers.map(|one| one.capturing(captures.clone())).collect();
         self.captures = Some(captures);
         self
     }
 
-    /// What is old and large goes in time.
+    /// Removes old samples and captures according to `retention`.
     pub fn retaining(self, retention: Option<Retention>) -> Self {
         Self { retention, ..self }
     }
 
-    /// Whether it could serve: all cycles could be measured. Nothing is opened.
+    /// Checks that the plans of all cycles can be measured. Nothing is opened.
     ///
     /// # Errors
-    /// The first cycle that could not.
+    /// The first cycle that cannot be measured.
     pub fn check(&self) -> Result<(), ServeError> {
         let runtime = tokio::runtime::Builder::new_current_thread().build();
         let runtime = runtime.map_err(ServeError::Thread)?;
-        self.attendants.iter().try_for_each(|one| runtime.block_on(one.rehearse()))
+        self.workers.iter().try_for_each(|one| runtime.block_on(one.rehearse()))
     }
 
-    /// Ends the service: holds each machine where a run is on.
+    /// Handle that ends the service: it holds each machine on which a run is in progress.
     pub fn halt(&self) -> Halt {
-        let (desks, log) = (self.desks(), self.log.clone());
+        let (gates, log) = (self.gates(), self.log.clone());
         Halt::new(move || {
-            desks.iter().for_each(Desk::end);
+            gates.iter().for_each(CommandGate::end);
             notify::stopping(&log);
         })
     }
 
-    fn desks(&self) -> Vec<Desk> {
-        self.attendants.iter().map(|one| one.desk().clone()).collect()
+    fn gates(&self) -> Vec<CommandGate> {
+        self.workers.iter().map(|one| one.gate().clone()).collect()
     }
 
-    /// Until [`Service::halt`].
+    /// Serves until [`Service::halt`] is triggered.
     ///
     /// # Errors
-    /// What keeps it from serving at all: then no machine is served.
+    /// The service cannot start; then no machine is served.
     pub fn serve(self) -> Result<Ended, ServeError> {
         let journal = Arc::new(Journal::watched(&self.folder, self.metrics.wrote())?);
-        let (halt, desks) = (self.halt(), self.desks());
-        let watched = self.attendants.iter().map(|one| (one.name().to_owned(), one.desk().clone()));
+        let (halt, gates) = (self.halt(), self.gates());
+        let watched = self.workers.iter().map(|one| (one.name().to_owned(), one.gate().clone()));
         let watched: notify::Watched = watched.collect();
-        let shown = self.attendants.iter().map(Attendant::shown).collect();
+        let shown = self.workers.iter().map(MachineWorker::served_machine).collect();
         let (ready, all_ready) = channel();
         let threads: Result<Vec<_>, ServeError> = self
-            .attendants
+            .workers
             .into_iter()
             .map(|one| Thread::start(one, Arc::clone(&journal), ready.clone()))
             .collect();
@@ -118,7 +120,7 @@ impl Service {
                 http::start(config, shown, Arc::clone(&journal), self.metrics, &self.log)?;
             }
             if let Some(retention) = self.retention {
-                keep::start(retention, journal, self.captures, desks, &self.log)?;
+                retention::start(retention, journal, self.captures, gates, &self.log)?;
             }
             notify::ready(watched, &self.log)?;
             Ok(threads)
@@ -133,12 +135,12 @@ impl Service {
     }
 }
 
-/// Each has begun; the first that cannot is told.
+/// Waits until each worker has begun; returns the first error.
 fn until_ready(all_ready: &Receiver<Result<(), ServeError>>) -> Result<(), ServeError> {
     all_ready.iter().collect()
 }
 
-/// Where an attendant lives.
+/// The thread of a worker.
 struct Thread {
     name: String,
     thread: JoinHandle<Ended>,
@@ -146,14 +148,14 @@ struct Thread {
 
 impl Thread {
     fn start(
-        attendant: Attendant,
+        worker: MachineWorker,
         journal: Arc<Journal>,
         ready: Sender<Result<(), ServeError>>,
     ) -> Result<Self, ServeError> {
-        let name = attendant.name().to_owned();
+        let name = worker.name().to_owned();
         let thread = Builder::new().name("machine".to_owned());
         let thread =
-            thread.spawn(move || live(attendant, &journal, ready)).map_err(ServeError::Thread)?;
+            thread.spawn(move || live(worker, &journal, ready)).map_err(ServeError::Thread)?;
         Ok(Self { name, thread })
     }
 
@@ -163,21 +165,21 @@ impl Thread {
 }
 
 fn live(
-    mut attendant: Attendant,
+    mut worker: MachineWorker,
     journal: &Arc<Journal>,
     ready: Sender<Result<(), ServeError>>,
 ) -> Ended {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build();
     let begun = runtime.map_err(ServeError::Thread).and_then(|runtime| {
-        runtime.block_on(attendant.begin(journal))?;
+        runtime.block_on(worker.start(journal))?;
         Ok(runtime)
     });
     let (runtime, told) = match begun {
         Ok(runtime) => (Some(runtime), Ok(())),
         Err(error) => (None, Err(error)),
     };
-    // Whoever waits for it may have gone: another machine could not begin.
+    // The receiver may have been dropped, because another machine could not begin.
     let _ = ready.send(told);
     drop(ready);
-    runtime.map_or(Ended::Waiting, |runtime| runtime.block_on(attendant.attend(journal)))
+    runtime.map_or(Ended::Waiting, |runtime| runtime.block_on(worker.run(journal)))
 }

@@ -1,5 +1,5 @@
-//! `[retention]`: what was sampled in runs of long ago goes, with their captures, once they have an
-//! estimate. Only while no machine measures.
+//! `[retention]`: removes the samples and the captures of old runs that have an estimate. It runs only while no
+//! machine measures.
 
 use std::sync::Arc;
 use std::thread::{Builder, sleep};
@@ -8,15 +8,15 @@ use std::time::Duration;
 use jiff::{SignedDuration, Timestamp};
 use serde::Deserialize;
 
-use super::board::State;
 use super::captures::Captures;
-use super::desk::Desk;
+use super::command_gate::CommandGate;
+use super::machine_state::State;
 use super::{Log, ServeError};
 use crate::store::{Journal, StoreError};
 
-/// How often it is looked for.
+/// Time between two searches for old data.
 const EVERY: Duration = Duration::from_secs(3600);
-/// How often it is asked whether all machines wait.
+/// Time between two checks whether all machines wait.
 const TICK: Duration = Duration::from_secs(10);
 
 #[derive(Debug, Deserialize)]
@@ -25,7 +25,7 @@ struct Keys {
     keep_days: u32,
 }
 
-/// Found sound.
+/// `[retention]`, validated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Retention {
@@ -43,19 +43,19 @@ impl TryFrom<Keys> for Retention {
     }
 }
 
-/// Keep to it for as long as the process lives.
+/// Applies the retention for as long as the process lives.
 ///
 /// # Errors
-/// No thread.
+/// The thread cannot be started.
 pub(super) fn start(
     retention: Retention,
     journal: Arc<Journal>,
     captures: Option<Captures>,
-    desks: Vec<Desk>,
+    gates: Vec<CommandGate>,
     log: &Log,
 ) -> Result<(), ServeError> {
     let log = log.clone();
-    let busy = move || desks.iter().any(|desk| desk.board().state == State::Running);
+    let busy = move || gates.iter().any(|gate| gate.machine_state().state == State::Running);
     let keep = move || {
         while busy() {
             sleep(TICK);
@@ -70,7 +70,7 @@ pub(super) fn start(
     thread.map(drop).map_err(ServeError::Thread)
 }
 
-/// A run at a time; what a cycle interrupts is done the next time.
+/// Processes one run at a time; after an interruption by a cycle, the next sweep continues.
 fn sweep(
     Retention { keep_days }: Retention,
     journal: &Journal,

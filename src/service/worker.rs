@@ -1,4 +1,4 @@
-//! At one machine: waiting, and doing what its desk has accepted, one thing at a time.
+//! Worker of one machine: it waits, and executes the commands that its gate has accepted, one at a time.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -10,15 +10,15 @@ use tokio::time::timeout;
 use tracing::field::Empty;
 use tracing::{Instrument, Span, debug, info_span};
 
-use super::ask::{Ask, Word};
-use super::board::{Board, Failure, State};
 use super::captures::{Begun, Captures};
+use super::command_gate::CommandGate;
 use super::config::{Config, Cycle};
-use super::desk::Desk;
-use super::http::{Last, Shown};
+use super::http::{Last, ServedMachine};
 use super::identify::Identifications;
+use super::last_run::unfinished;
+use super::machine_state::{Failure, MachineState, State};
 use super::metrics::{Metrics, Outcome};
-use super::past::unfinished;
+use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::run::{self, Asked, CycleError, Unidentified};
 use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
@@ -27,54 +27,54 @@ use link::Wiring;
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
 
-/// Who waits says so this often,
+/// Time between two heartbeats while the worker waits.
 const TICK: Duration = Duration::from_secs(1);
-/// and is late after so long.
-const LATE: Duration = Duration::from_secs(10);
+/// Maximum time between two heartbeats while the worker waits.
+const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Why a cycle has no estimate.
 #[derive(Debug, thiserror::Error)]
-pub(super) enum Failed {
+pub(super) enum CycleFailure {
     #[error(transparent)]
     Setup(#[from] SetupError),
     #[error(transparent)]
     Cycle(#[from] CycleError),
 }
 
-impl Failed {
-    /// Somebody wanted it so.
+impl CycleFailure {
+    /// Whether a requested stop ended the cycle.
     fn is_stop(&self) -> bool {
         matches!(self, Self::Cycle(error) if error.is_stop())
     }
 }
 
-/// Of a part of the whole, never back.
+/// Progress of a run, %; it decreases only if the remaining time exceeds the previous total.
 pub(super) struct Progress {
     pub(super) whole_s: f64,
     pub(super) percent: u16,
 }
 
-/// One machine, waiting.
-pub(super) struct Attendant {
+/// Worker of one machine.
+pub(super) struct MachineWorker {
     machine: MachineFile,
     config: Config,
     pub(super) folder: PathBuf,
     pub(super) pace: Pace,
-    pub(super) desk: Desk,
-    asks: mpsc::Receiver<Ask>,
+    pub(super) gate: CommandGate,
+    commands: mpsc::Receiver<WorkerCommand>,
     pub(super) log: Log,
     captures: Option<Captures>,
-    /// While no person may resume it.
+    /// The machine's lock; `None` while a person may resume the run from another process.
     pub(super) lock: Option<MachineLock>,
-    /// Of runs that were measured before.
+    /// Identifications of runs that were measured before.
     pub(super) identifications: Identifications,
 }
 
-impl Attendant {
-    /// `folder`: where journal and locks are. Nothing is opened yet.
+impl MachineWorker {
+    /// `folder`: folder of the journal and the locks. Nothing is opened yet.
     ///
     /// # Errors
-    /// A cycle of a method or with settings that there are not.
+    /// A cycle has an unknown method or invalid settings.
     pub fn new(
         (machine, config): (MachineFile, Config),
         folder: PathBuf,
@@ -85,69 +85,85 @@ impl Attendant {
         for cycle in &config.cycle {
             setup::header(&machine, &cycle.method, cycle.repeat)?;
         }
-        let (desk, asks) = Desk::new(&config, log.clone(), metrics.of(&machine.machine.name));
+        let (gate, commands) =
+            CommandGate::new(&config, log.clone(), metrics.of(&machine.machine.name));
         let (captures, lock, identifications) = (None, None, Identifications::default());
-        Ok(Self { machine, config, folder, pace, desk, asks, log, captures, lock, identifications })
+        Ok(Self {
+            machine,
+            config,
+            folder,
+            pace,
+            gate,
+            commands,
+            log,
+            captures,
+            lock,
+            identifications,
+        })
     }
 
     pub fn capturing(self, captures: Captures) -> Self {
         Self { captures: Some(captures), ..self }
     }
 
-    /// The machine is ours, its cycles could be measured, its triggers are heard. Call inside the tokio
-    /// runtime that [`Self::attend`] will live in.
+    /// Acquires the machine's lock, rehearses the cycles, and starts the triggers and the schedule. Call it inside
+    /// the tokio runtime that will execute [`Self::run`].
     ///
     /// # Errors
-    /// What keeps it from serving at all.
-    pub async fn begin(&mut self, journal: &Arc<Journal>) -> Result<(), ServeError> {
-        self.lock = Some(self.take(journal).await?);
+    /// The machine cannot be served.
+    pub async fn start(&mut self, journal: &Arc<Journal>) -> Result<(), ServeError> {
+        self.lock = Some(self.acquire_lock(journal).await?);
         self.rehearse().await?;
-        triggers::start(&self.config, &self.desk, &self.log)?;
+        triggers::start(&self.config, &self.gate, &self.log)?;
         match unfinished(journal, self.name())? {
             Some(before) => {
                 self.log.say(&format!("run {} is unfinished and waits for a person", before.run));
                 self.lock = None;
                 let run = u32::try_from(before.run.0).unwrap_or(u32::MAX);
-                self.desk.show(|board| (board.run, board.failure) = (run, Some(before.why)));
-                self.desk.becomes(State::Held);
+                self.gate.update(|machine_state| {
+                    (machine_state.run, machine_state.failure) = (run, Some(before.why))
+                });
+                self.gate.finish_command(State::Held);
             }
-            None => self.desk.becomes(State::Waiting),
+            None => self.gate.finish_command(State::Waiting),
         }
         let kept = (self.config.schedule.as_slice(), self.config.demand.as_slice());
-        schedule::start(self.name(), kept, &self.desk, journal, &self.log)?;
-        // However long that took: its progress is watched from now on.
-        self.desk.pulse().beat(LATE);
+        schedule::start(self.name(), kept, &self.gate, journal, &self.log)?;
+        // The time of the start-up does not count: progress is watched from now on.
+        self.gate.heartbeat().beat(HEARTBEAT_TIMEOUT);
         Ok(())
     }
 
-    /// Until the desk's end. What befalls a cycle is on the board and in the log.
-    pub async fn attend(mut self, journal: &Journal) -> Ended {
+    /// Works until the gate ends. Errors of a cycle are in the machine state and in the log.
+    pub async fn run(mut self, journal: &Journal) -> Ended {
         loop {
-            self.desk.pulse().beat(LATE);
-            let ask = match timeout(TICK, self.asks.recv()).await {
-                Ok(Some(ask)) => ask,
+            self.gate.heartbeat().beat(HEARTBEAT_TIMEOUT);
+            let command = match timeout(TICK, self.commands.recv()).await {
+                Ok(Some(command)) => command,
                 Ok(None) => break,
-                // Nobody has asked.
+                // No command within the tick.
                 Err(_) => {
                     self.look_elsewhere(journal).await;
-                    self.identifications.step(&self.desk, &self.log, journal).await;
+                    self.identifications.step(&self.gate, &self.log, journal).await;
                     continue;
                 }
             };
-            self.desk.pulse().beat(self.config.patience);
-            match ask {
-                _ if self.desk.is_ending() => break,
-                Ask::End => break,
-                Ask::Acknowledge(word) => self.acknowledged(word, journal).await,
-                Ask::Start { cycle } => {
+            self.gate.heartbeat().beat(self.config.patience);
+            match command {
+                _ if self.gate.is_ending() => break,
+                WorkerCommand::End => break,
+                WorkerCommand::Acknowledge(acknowledgement) => {
+                    self.acknowledged(acknowledgement, journal).await
+                }
+                WorkerCommand::Start { cycle } => {
                     let span = info_span!("cycle", machine = self.name(), cycle, run = Empty);
                     if let Some(ended) = self.cycle(cycle, journal).instrument(span).await {
                         return ended;
                     }
                 }
-                Ask::Resume { run, word } => {
+                WorkerCommand::Resume { run, acknowledgement } => {
                     let span = info_span!("cycle", machine = self.name(), run = run.0);
-                    let again = self.cycle_again((run, word), journal).instrument(span);
+                    let again = self.cycle_again((run, acknowledgement), journal).instrument(span);
                     if let Some(ended) = again.await {
                         return ended;
                     }
@@ -159,21 +175,21 @@ impl Attendant {
 
     async fn cycle(&mut self, number: u16, journal: &Journal) -> Option<Ended> {
         let measured = self.measured(number, journal).await;
-        self.after(measured, State::Failed)
+        self.finish_cycle(measured, State::Failed)
     }
 
     async fn cycle_again(
         &mut self,
-        (run, word): (RunId, Word),
+        (run, acknowledgement): (RunId, Acknowledgement),
         journal: &Journal,
     ) -> Option<Ended> {
-        let again = self.acknowledged_again(run, word, journal).await?;
+        let again = self.acknowledged_again(run, acknowledgement, journal).await?;
         let measured = self.measured_again(again, journal).await;
-        // Where nothing could be opened the run waits for a person as before.
-        self.after(measured, State::Held)
+        // If the devices could not be opened, the run still waits for a person.
+        self.finish_cycle(measured, State::Held)
     }
 
-    /// What any cycle would be refused for is told now, not when the operator presses the button.
+    /// Rehearses all cycles, so that an error is reported at the start and not when the operator presses the button.
     pub async fn rehearse(&self) -> Result<(), ServeError> {
         let dialect = setup::dialect(&self.machine)?;
         let mut all = BTreeMap::new();
@@ -190,60 +206,76 @@ impl Attendant {
                 .say(&format!("cycle {number} takes the machine about {minutes:.0} min{person}"));
             all.insert(*number, rehearsed);
         }
-        self.desk.rehearsed(all);
+        self.gate.rehearsed(all);
         Ok(())
     }
 
-    pub fn shown(&self) -> Shown {
+    pub fn served_machine(&self) -> ServedMachine {
         let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
         let (name, tolerance) = (self.name().to_owned(), self.machine.tolerance.clone());
         let (last, file_sha256) =
             (Last::new(self.config.verdict), sha256_text(self.machine.text()));
-        Shown { name, file_sha256, desk: self.desk.clone(), cycles, demand, tolerance, last }
+        ServedMachine {
+            name,
+            file_sha256,
+            gate: self.gate.clone(),
+            cycles,
+            demand,
+            tolerance,
+            last,
+        }
     }
 
     pub fn name(&self) -> &str {
         &self.machine.machine.name
     }
 
-    pub fn desk(&self) -> &Desk {
-        &self.desk
+    pub fn gate(&self) -> &CommandGate {
+        &self.gate
     }
 
-    /// A run that tells nothing for longer is taken for one that hangs.
+    /// Maximum time between two events of a run; after that, the run counts as hung.
     pub(super) fn patience(&self) -> Duration {
         self.config.patience
     }
 
-    pub(super) async fn take(&mut self, journal: &Journal) -> Result<MachineLock, ServeError> {
+    pub(super) async fn acquire_lock(
+        &mut self,
+        journal: &Journal,
+    ) -> Result<MachineLock, ServeError> {
         let lock = MachineLock::acquire(&self.folder, self.name())?;
         journal.mark_interrupted(&lock).await?;
         self.find_unidentified(journal)?;
         Ok(lock)
     }
 
-    /// Only while the machine is ours.
+    /// Call it only while this process holds the machine's lock.
     pub(super) fn find_unidentified(&mut self, journal: &Journal) -> Result<(), StoreError> {
         self.identifications.find(journal, &self.machine.machine.name)
     }
 
-    /// Show how a run has ended; the service ends with it if it must. `unopened`: how the machine stands if
-    /// its devices could not be opened.
-    fn after(
+    /// Records the result of a cycle; returns a value if the service must end with it. `unopened`: state of the
+    /// machine if its devices could not be opened.
+    fn finish_cycle(
         &mut self,
-        measured: Result<(RunId, Estimate), Failed>,
+        measured: Result<(RunId, Estimate), CycleFailure>,
         unopened: State,
     ) -> Option<Ended> {
         let (state, why) = match &measured {
             Ok(_) => (State::Waiting, None),
-            Err(Failed::Cycle(error)) if error.holds() => (State::Held, Some(of_cycle(error))),
-            // All is measured and nothing moves; the run is identified while the machine waits.
-            Err(Failed::Cycle(CycleError::Identification { run, why: Unidentified::Stopped })) => {
+            Err(CycleFailure::Cycle(error)) if error.holds() => {
+                (State::Held, Some(of_cycle(error)))
+            }
+            // The run is completely measured and nothing moves; it is identified while the machine waits.
+            Err(CycleFailure::Cycle(CycleError::Identification {
+                run,
+                why: Unidentified::Stopped,
+            })) => {
                 self.identifications.add(*run);
                 (State::Waiting, None)
             }
-            Err(Failed::Cycle(error)) => (State::Failed, Some(of_cycle(error))),
-            Err(Failed::Setup(error)) => {
+            Err(CycleFailure::Cycle(error)) => (State::Failed, Some(of_cycle(error))),
+            Err(CycleFailure::Setup(error)) => {
                 let (what, remedy) = (error.to_string(), error.remedy());
                 (unopened, Some(Failure { what, remedy }))
             }
@@ -253,7 +285,7 @@ impl Attendant {
                 format!("run {run} is finished, verdict {}", estimate.verdict)
             }
             (_, Some(Failure { what, remedy: Some(remedy) })) => format!("{what}; {remedy}"),
-            (Err(Failed::Cycle(error)), None) => of_cycle(error).what,
+            (Err(CycleFailure::Cycle(error)), None) => of_cycle(error).what,
             (_, why) => why.as_ref().map_or(String::new(), |why| why.what.clone()),
         };
         match &measured {
@@ -261,32 +293,36 @@ impl Attendant {
             _ => self.log.say(&told),
         }
         self.count(&measured);
-        self.desk.show(|board| board.failure = why);
+        self.gate.update(|machine_state| machine_state.failure = why);
         if state == State::Held {
-            // Now a person may resume it, here or at the command.
+            // From now on a person may resume the run, from the page or from the command line.
             self.lock = None;
         }
-        self.desk.ended(state, measured.ok().as_ref().map(|(_, estimate)| estimate));
-        (state != State::Waiting && self.desk.is_ending()).then_some(Ended::Held)
+        self.gate.ended(state, measured.ok().as_ref().map(|(_, estimate)| estimate));
+        (state != State::Waiting && self.gate.is_ending()).then_some(Ended::Held)
     }
 
-    fn count(&self, measured: &Result<(RunId, Estimate), Failed>) {
-        let tally = self.desk.tally();
+    fn count(&self, measured: &Result<(RunId, Estimate), CycleFailure>) {
+        let tally = self.gate.tally();
         match measured {
             Ok((_, estimate)) => tally.ended(Outcome::Judged(estimate.verdict)),
-            Err(Failed::Cycle(error)) if error.holds() => tally.ended(Outcome::Held),
-            // Counted when it is identified.
+            Err(CycleFailure::Cycle(error)) if error.holds() => tally.ended(Outcome::Held),
+            // The run is counted when it is identified.
             Err(failed) if failed.is_stop() => {}
             Err(_) => tally.ended(Outcome::Failed),
         }
-        if let Err(Failed::Cycle(CycleError::Run { error, .. })) = measured
+        if let Err(CycleFailure::Cycle(CycleError::Run { error, .. })) = measured
             && error.is_of_link()
         {
             tally.link_failed();
         }
     }
 
-    async fn measured(&self, number: u16, journal: &Journal) -> Result<(RunId, Estimate), Failed> {
+    async fn measured(
+        &self,
+        number: u16,
+        journal: &Journal,
+    ) -> Result<(RunId, Estimate), CycleFailure> {
         let allowed = self.config.cycle.iter().find(|cycle| cycle.number == number);
         let Some(Cycle { method, repeat, .. }) = allowed else {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
@@ -295,22 +331,24 @@ impl Attendant {
         let opening = setup::devices(&self.machine, self.pace, Past::default());
         let (devices, capture) = self.open(opening).await?;
         let mut progress = Progress { whole_s: 0.0, percent: 0 };
-        let mut tell = |event: &Event| self.tell(event, &mut progress);
+        let mut tell = |event: &Event| self.handle_event(event, &mut progress);
         let begun = |id: RunId| {
             Span::current().record("run", id.0);
             self.log.say(&format!("run {id} begins"));
             capture.iter().for_each(|capture| capture.is_of(id));
-            self.desk.show(|board| board.run = u32::try_from(id.0).unwrap_or(u32::MAX));
+            self.gate.update(|machine_state| {
+                machine_state.run = u32::try_from(id.0).unwrap_or(u32::MAX)
+            });
         };
         let machine = &self.machine;
-        let (method, answers) = (method.into(), self.desk.answers(self.config.patience));
+        let (method, answers) = (method.into(), self.gate.answers(self.config.patience));
         let cycle = run::Cycle { machine, method, plan, answers };
         let ended = cycle.run(&devices, journal, begun, &mut tell).await;
         capture.into_iter().for_each(Begun::finish);
         Ok(ended?)
     }
 
-    /// With every byte kept where that is wanted; a stop is heard from here on.
+    /// Opens the devices, with a capture if one is configured. From here on a stop reaches the control.
     pub(super) async fn open(
         &self,
         opening: impl Future<Output = Result<Devices, SetupError>>,
@@ -318,39 +356,41 @@ impl Attendant {
         let capture = self.captures.as_ref().and_then(|captures| captures.begin(&self.log));
         let wiring = capture.as_ref().map_or(Wiring::Plain, Begun::wiring);
         let devices = wiring.during(opening).await?;
-        self.desk.under_way(&devices.controller.halt());
+        self.gate.register_halt(&devices.controller.halt());
         Ok((devices, capture))
     }
 
-    pub(super) fn tell(&self, event: &Event, progress: &mut Progress) {
-        self.desk.pulse().beat(self.config.patience);
+    pub(super) fn handle_event(&self, event: &Event, progress: &mut Progress) {
+        self.gate.heartbeat().beat(self.config.patience);
         match event {
             Event::Announced { text } => self.log.say(text),
             Event::StageStarted { stage } => {
                 self.log.say(&format!("{}: {} touches", stage.name, stage.steps.len()));
-                self.desk.show(|board| board.stage.clone_from(&stage.name));
+                self.gate.update(|machine_state| machine_state.stage.clone_from(&stage.name));
             }
             Event::StepStarted { step, remaining_s, label, .. } => {
                 debug!(step, "{label}");
                 let percent = progress.at(*remaining_s);
-                self.desk.show(|board: &mut Board| {
-                    board.progress_percent = percent;
-                    board.remaining_s = Some(*remaining_s);
-                    board.step.clone_from(label);
+                self.gate.update(|machine_state: &mut MachineState| {
+                    machine_state.progress_percent = percent;
+                    machine_state.remaining_s = Some(*remaining_s);
+                    machine_state.step.clone_from(label);
                 });
             }
             Event::Asked { step, repeat, text } => {
                 self.log.say(&format!("a person is asked: {text}"));
                 let asked = Asked { step: *step, repeat: *repeat, text: text.clone() };
-                self.desk.show(|board| (board.asked, board.live) = (Some(asked), None));
+                self.gate.update(|machine_state| {
+                    (machine_state.asked, machine_state.live) = (Some(asked), None)
+                });
             }
             Event::Watched { values } => {
-                self.desk.show(|board| board.live = Some(values.clone()));
+                self.gate.update(|machine_state| machine_state.live = Some(values.clone()));
             }
             Event::Answered { who, .. } => self.log.say(&format!("done, says {who}")),
             Event::ReadingStored { .. } | Event::ScanStored { .. } => {
-                self.desk.tally().read();
-                self.desk.show(|board| board.measured += 1);
+                self.gate.tally().read();
+                self.gate.update(|machine_state| machine_state.measured += 1);
             }
             _ => {}
         }
@@ -358,10 +398,10 @@ impl Attendant {
 }
 
 impl Progress {
-    /// In percent; 100 is for the end.
+    /// Progress, %; 100 is reserved for the end.
     fn at(&mut self, remaining_s: f64) -> u16 {
         if remaining_s > self.whole_s {
-            // After a stop the references come by themselves; what is left is known after them.
+            // After a stop, the reference checks run on their own; the remaining time is known only after them.
             (self.whole_s, self.percent) = (remaining_s, 0);
         }
         let done = 100.0 * (1.0 - remaining_s / self.whole_s.max(f64::MIN_POSITIVE));

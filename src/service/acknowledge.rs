@@ -1,0 +1,100 @@
+//! Acknowledgement of a held machine: the run stays as it is, or another process has continued it.
+
+use super::ServeError;
+use super::last_run::{last_of, unfinished};
+use super::machine_state::{Refusal, State};
+use super::worker::MachineWorker;
+use super::worker_command::Acknowledgement;
+use crate::store::{Journal, MachineLock};
+use machine::record::event::Event;
+
+impl MachineWorker {
+    /// Acts on the acknowledgement of a person at the machine. A new cycle may then start; the held run is not
+    /// resumed.
+    pub(super) async fn acknowledged(
+        &mut self,
+        acknowledgement: Acknowledgement,
+        journal: &Journal,
+    ) {
+        let cleared = self.clear(&acknowledgement, journal).await;
+        let refused = match cleared {
+            Ok(None) => {
+                self.gate.update(|machine_state| machine_state.failure = None);
+                self.gate.finish_command(State::Waiting);
+                self.log.say("acknowledged; ready");
+                None
+            }
+            Ok(Some(why)) => Some((why, String::new())),
+            Err(ServeError::Lock(error)) => Some((Refusal::Elsewhere, format!(" ({error})"))),
+            Err(error) => Some((Refusal::NotReady, format!(" ({error})"))),
+        };
+        if let Some((why, because)) = &refused {
+            let before = self.gate.machine_state().state;
+            if before == State::Held {
+                self.lock = None;
+            }
+            self.gate.refuse(*why, &format!("acknowledgement by {}{because}", acknowledgement.who));
+            self.gate.finish_command(before);
+        }
+        // The receiver may have been dropped.
+        let _ = acknowledgement.answer.send(refused.map_or(Ok(()), |(why, _)| Err(why)));
+    }
+
+    async fn clear(
+        &mut self,
+        Acknowledgement { who, why, homed, .. }: &Acknowledgement,
+        journal: &Journal,
+    ) -> Result<Option<Refusal>, ServeError> {
+        match self.lock {
+            None => self.lock = Some(self.acquire_lock(journal).await?),
+            Some(_) => self.find_unidentified(journal)?,
+        }
+        let Some(before) = unfinished(journal, self.name())? else { return Ok(None) };
+        if before.position_lost && !homed {
+            return Ok(Some(Refusal::PositionLost));
+        }
+        let homed = if *homed { ", all axes are homed" } else { "" };
+        let why = if why.is_empty() { String::new() } else { format!(" ({why})") };
+        let what = format!("it is left as it is{homed}; new cycles may start{why}");
+        let acknowledgement = Event::Acknowledged { who: who.clone(), what, leaves: true };
+        journal.event(before.run, &acknowledgement).await?;
+        Ok(None)
+    }
+
+    /// Updates the machine state while the machine is held: whether another process holds the machine's lock, and
+    /// how that process left the run.
+    pub(super) async fn look_elsewhere(&mut self, journal: &Journal) {
+        let machine_state = self.gate.machine_state();
+        if self.lock.is_some() || machine_state.state != State::Held {
+            return;
+        }
+        let elsewhere = MachineLock::holder(&self.folder, self.name()).is_some();
+        if elsewhere != machine_state.elsewhere {
+            self.gate.update(|machine_state| machine_state.elsewhere = elsewhere);
+        }
+        let last = last_of(journal, self.name()).ok().flatten();
+        let changed = last.is_some_and(|run| !run.state.is_resumable());
+        if !elsewhere && (machine_state.elsewhere || changed) {
+            self.see_what_became(journal).await;
+        }
+    }
+
+    /// The lock is acquired first: only then is a run whose process has died marked as interrupted.
+    async fn see_what_became(&mut self, journal: &Journal) {
+        // Another process has acquired the lock meanwhile: the next call detects that.
+        let Ok(lock) = self.acquire_lock(journal).await else { return };
+        match unfinished(journal, self.name()) {
+            Ok(None) => {
+                self.lock = Some(lock);
+                if self.gate.set_state_if_idle(State::Waiting) {
+                    self.gate.update(|machine_state| machine_state.failure = None);
+                    self.log.say("the run was seen to elsewhere; ready");
+                }
+            }
+            Ok(Some(before)) => {
+                self.gate.update(|machine_state| machine_state.failure = Some(before.why))
+            }
+            Err(error) => self.log.fault(&error.to_string()),
+        }
+    }
+}

@@ -1,0 +1,391 @@
+//! The gate between the triggers and the run: it accepts or refuses commands and holds the machine state. The
+//! data are in a small struct behind a mutex that is held only for a read or an update, so that clients do not
+//! delay the run.
+
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use tokio::sync::{mpsc, watch};
+use tracing::field::Empty;
+use tracing::info_span;
+
+use super::Log;
+use super::config::{Config, Demand};
+use super::heartbeat::WorkerHeartbeat;
+use super::machine_state::{Interlocks, MachineState, Refusal, State};
+use super::metrics::Tally;
+use super::schedule_state::ScheduleState;
+use super::worker_command::{Answer, Inspection, Stopped, WorkerCommand};
+use crate::run::{Answers, Asked, Rehearsed};
+use crate::store::RunId;
+use devices::controllers::Halt;
+use machine::record::estimate::Estimate;
+
+struct Inner {
+    machine_state: MachineState,
+    /// Halt handle of the run in progress.
+    halt: Option<Halt>,
+    stop: bool,
+    /// Whether an accepted command is not finished yet.
+    acting: bool,
+    /// The answered prompt and the name of the person who answered, until the run reads them.
+    answer: Option<(Asked, String)>,
+    /// Results of the rehearsal, by cycle number.
+    rehearsed: BTreeMap<u16, Rehearsed>,
+    /// Time at which the last cycle ended.
+    last_end: Option<Instant>,
+}
+
+#[derive(Clone)]
+pub struct CommandGate {
+    inner: Arc<Mutex<Inner>>,
+    commands: mpsc::Sender<WorkerCommand>,
+    cycles: Arc<[u16]>,
+    demand: Arc<[Demand]>,
+    min_interval: Duration,
+    log: Log,
+    heartbeat: WorkerHeartbeat,
+    tally: Tally,
+    /// Counter of the changes of the machine state.
+    changes: Arc<watch::Sender<u64>>,
+    schedule_state: ScheduleState,
+}
+
+impl CommandGate {
+    /// The receiver gets the accepted commands.
+    pub fn new(config: &Config, log: Log, tally: Tally) -> (Self, mpsc::Receiver<WorkerCommand>) {
+        let (commands, todo) = mpsc::channel(8);
+        let machine_state = MachineState::default();
+        let (answer, rehearsed, acting) = (None, BTreeMap::new(), false);
+        let inner = Inner {
+            machine_state,
+            halt: None,
+            stop: false,
+            acting,
+            answer,
+            rehearsed,
+            last_end: None,
+        };
+        let gate = Self {
+            inner: Arc::new(Mutex::new(inner)),
+            commands,
+            cycles: config.cycle.iter().map(|cycle| cycle.number).collect(),
+            demand: config.demand.clone().into(),
+            min_interval: config.min_interval,
+            log,
+            heartbeat: WorkerHeartbeat::new(config.patience),
+            tally,
+            changes: Arc::new(watch::Sender::new(0)),
+            schedule_state: ScheduleState::default(),
+        };
+        (gate, todo)
+    }
+
+    fn inner(&self) -> MutexGuard<'_, Inner> {
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Heartbeat of this machine's worker.
+    pub fn heartbeat(&self) -> &WorkerHeartbeat {
+        &self.heartbeat
+    }
+
+    pub(super) fn tally(&self) -> &Tally {
+        &self.tally
+    }
+
+    pub fn machine_state(&self) -> MachineState {
+        self.inner().machine_state.clone()
+    }
+
+    /// Subscribes to the changes of the machine state. A slow subscriber sees only the latest value.
+    pub fn changes(&self) -> watch::Receiver<u64> {
+        self.changes.subscribe()
+    }
+
+    fn changed(&self) {
+        self.changes.send_modify(|count| *count = count.wrapping_add(1));
+    }
+
+    /// The state that this machine's schedule shares with the triggers and the clients.
+    pub fn schedule_state(&self) -> &ScheduleState {
+        &self.schedule_state
+    }
+
+    /// Checks whether [`Self::start`] would accept `cycle` now. A refusal is neither counted nor logged.
+    ///
+    /// # Errors
+    /// The reason of the refusal.
+    pub fn check_start(&self, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
+        self.judge(&self.inner(), cycle, interlocks)
+    }
+
+    /// Starts `cycle` on behalf of a trigger. From an accepted start on, the service is running.
+    ///
+    /// # Errors
+    /// The reason of the refusal; it is also in the machine state and in the log.
+    pub fn start(&self, cycle: u16, interlocks: Interlocks, by: &str) -> Result<(), Refusal> {
+        let mut inner = self.inner();
+        let judged = self.judge(&inner, cycle, interlocks);
+        if let Err(why) =
+            judged.and_then(|()| self.send(&mut inner, WorkerCommand::Start { cycle }))
+        {
+            drop(inner);
+            self.refuse(why, &format!("start of cycle {cycle} by {by}"));
+            return Err(why);
+        }
+        inner.stop = false;
+        inner.machine_state.accepted = inner.machine_state.accepted.wrapping_add(1);
+        let machine_s = inner.rehearsed.get(&cycle).map(|known| known.machine_s);
+        inner.machine_state.begins(cycle, machine_s);
+        drop(inner);
+        self.changed();
+        self.log.say(&format!("cycle {cycle} is started by {by}"));
+        Ok(())
+    }
+
+    /// Resumes the held run on behalf of a person. From an accepted command on, the service is running.
+    /// `interlocks`: the state that the machine or a person reports.
+    ///
+    /// # Errors
+    /// The machine is not held, or the service is busy; the refusal is also in the machine state and in the log.
+    pub fn resume(
+        &self,
+        run: RunId,
+        inspection: Inspection<'_>,
+        interlocks: Interlocks,
+    ) -> Result<Answer, Refusal> {
+        let mut inner = self.inner();
+        let judged = match inner.machine_state.state {
+            State::Held => interlocks.lacks(&self.demand).map_or(Ok(()), Err),
+            State::Running => Err(Refusal::Busy),
+            _ => Err(Refusal::NothingToAcknowledge),
+        };
+        let (acknowledgement, answer) = inspection.acknowledgement();
+        let command = WorkerCommand::Resume { run, acknowledgement };
+        if let Err(why) = judged.and_then(|()| self.send(&mut inner, command)) {
+            drop(inner);
+            self.refuse(why, &format!("resume of run {run} by {}", inspection.who));
+            return Err(why);
+        }
+        inner.stop = false;
+        let cycle = inner.machine_state.cycle;
+        // The run itself determines how much is done already.
+        inner.machine_state.begins(cycle, None);
+        inner.machine_state.run = u32::try_from(run.0).unwrap_or(u32::MAX);
+        drop(inner);
+        self.changed();
+        self.log.say(&format!("run {run} is resumed by {}", inspection.who));
+        Ok(answer)
+    }
+
+    /// Sends a command to the worker. No other command is accepted until this one is finished.
+    fn send(&self, inner: &mut Inner, command: WorkerCommand) -> Result<(), Refusal> {
+        if inner.acting {
+            return Err(Refusal::NotReady);
+        }
+        self.commands.try_send(command).map_err(|_| Refusal::NotReady)?;
+        inner.acting = true;
+        Ok(())
+    }
+
+    fn judge(&self, inner: &Inner, cycle: u16, interlocks: Interlocks) -> Result<(), Refusal> {
+        match inner.machine_state.state {
+            State::Waiting => {}
+            State::Running => return Err(Refusal::Busy),
+            State::Held => return Err(Refusal::Held),
+            State::Failed => return Err(Refusal::Failed),
+            State::Starting | State::Ending => return Err(Refusal::NotReady),
+        }
+        if !self.cycles.contains(&cycle) {
+            return Err(Refusal::NoSuchCycle);
+        }
+        if inner.rehearsed.get(&cycle).is_some_and(|known| known.asks) && !interlocks.person {
+            return Err(Refusal::AsksPerson);
+        }
+        if let Some(why) = interlocks.lacks(&self.demand) {
+            return Err(why);
+        }
+        match inner.last_end.is_some_and(|end| end.elapsed() < self.min_interval) {
+            true => Err(Refusal::TooSoon),
+            false => Ok(()),
+        }
+    }
+
+    /// Records a refusal in the machine state, the metrics and the log.
+    pub fn refuse(&self, why: Refusal, what: &str) {
+        let mut inner = self.inner();
+        inner.machine_state.refusal = Some(why);
+        inner.machine_state.refused = inner.machine_state.refused.wrapping_add(1);
+        drop(inner);
+        self.tally.refused(why);
+        self.changed();
+        self.log.say(&format!("refused, {what}: {why}"));
+    }
+
+    /// Acknowledges the held or failed state: a person has inspected the machine. The held run stays as it is.
+    ///
+    /// # Errors
+    /// There is nothing to acknowledge; the refusal is also in the machine state and in the log.
+    pub fn acknowledge(&self, inspection: Inspection<'_>) -> Result<Answer, Refusal> {
+        let mut inner = self.inner();
+        let judged = match inner.machine_state.state {
+            State::Held | State::Failed => Ok(()),
+            _ => Err(Refusal::NothingToAcknowledge),
+        };
+        let (acknowledgement, answer) = inspection.acknowledgement();
+        if let Err(why) =
+            judged.and_then(|()| self.send(&mut inner, WorkerCommand::Acknowledge(acknowledgement)))
+        {
+            drop(inner);
+            self.refuse(why, &format!("acknowledgement by {}", inspection.who));
+            return Err(why);
+        }
+        Ok(answer)
+    }
+
+    /// Stores the results of the rehearsals. A cycle with prompts does not start without a person at the machine.
+    pub(super) fn rehearsed(&self, cycles: BTreeMap<u16, Rehearsed>) {
+        self.inner().rehearsed = cycles;
+    }
+
+    /// Answers the prompt of this step and repeat: the person has done what the run requested.
+    ///
+    /// # Errors
+    /// No prompt, or another one, is open; the refusal is also in the machine state and in the log.
+    pub fn answer(&self, (step, repeat): (u32, u32), who: &str) -> Result<(), Refusal> {
+        let mut inner = self.inner();
+        let meant = |asked: &mut Asked| (asked.step, asked.repeat) == (step, repeat);
+        let Some(asked) = inner.machine_state.asked.take_if(meant) else {
+            drop(inner);
+            let why = Refusal::NotAsked;
+            self.refuse(why, &format!("answer to step {step} by {who}"));
+            return Err(why);
+        };
+        inner.answer = Some((asked, who.to_owned()));
+        drop(inner);
+        self.changed();
+        Ok(())
+    }
+
+    /// Source of the answers for the run. Each poll beats the heartbeat with `patience`, so that a run that waits
+    /// for a person does not count as hung.
+    pub(super) fn answers(&self, patience: Duration) -> Answers {
+        let gate = self.clone();
+        Answers::new(move |asked| {
+            gate.heartbeat.beat(patience);
+            let given = gate.inner().answer.take_if(|(to, _)| to == asked);
+            given.map(|(_, who)| who)
+        })
+    }
+
+    /// Holds the machine at once if a run is in progress or about to begin, even if the machine state does not show
+    /// a run.
+    pub fn stop(&self, by: &str) -> Stopped {
+        let mut inner = self.inner();
+        if inner.machine_state.state != State::Running && inner.halt.is_none() {
+            return if inner.machine_state.elsewhere {
+                Stopped::Elsewhere
+            } else {
+                Stopped::Nothing
+            };
+        }
+        inner.stop = true;
+        let (halt, run) = (inner.halt.clone(), inner.machine_state.run);
+        drop(inner);
+        if let Some(halt) = halt {
+            halt.now();
+        }
+        // Logged on the caller's thread, with the number of the run that is held; 0 means none.
+        let span = info_span!("hold", run = Empty);
+        span.record("run", (run > 0).then_some(run));
+        span.in_scope(|| self.log.say(&format!("stopped by {by}")));
+        Stopped::Run
+    }
+
+    /// Ends the service: holds the machine as [`Self::stop`] does, and accepts no further start.
+    pub(super) fn end(&self) {
+        let mut inner = self.inner();
+        inner.stop = true;
+        inner.machine_state.state = State::Ending;
+        let halt = inner.halt.clone();
+        drop(inner);
+        if let Some(halt) = halt {
+            halt.now();
+        }
+        self.changed();
+        // If the channel is full, the worker checks the state before each command.
+        let _ = self.commands.try_send(WorkerCommand::End);
+    }
+
+    pub(super) fn is_ending(&self) -> bool {
+        self.inner().machine_state.state == State::Ending
+    }
+
+    /// Registers the halt handle of the run, whose devices are open now. A stop that came earlier takes effect here.
+    pub(super) fn register_halt(&self, halt: &Halt) {
+        let mut inner = self.inner();
+        inner.halt = Some(halt.clone());
+        let stop = inner.stop;
+        drop(inner);
+        if stop {
+            halt.now();
+        }
+    }
+
+    pub(super) fn update(&self, change: impl FnOnce(&mut MachineState)) {
+        change(&mut self.inner().machine_state);
+        self.changed();
+    }
+
+    /// Records the end of a cycle, with or without an estimate.
+    pub(super) fn ended(&self, state: State, estimate: Option<&Estimate>) {
+        let mut inner = self.inner();
+        (inner.halt, inner.answer, inner.machine_state.asked) = (None, None, None);
+        inner.last_end = Some(Instant::now());
+        if let Some(estimate) = estimate {
+            inner.machine_state.progress_percent = 100;
+            inner.machine_state.verdict = Some(estimate.verdict);
+            inner.machine_state.deviations = estimate.parameters.clone();
+        }
+        (inner.machine_state.stage, inner.machine_state.step) = (String::new(), String::new());
+        inner.machine_state.remaining_s = None;
+        drop(inner);
+        self.finish_command(state);
+    }
+
+    /// Sets the state, unless a command is in progress (the end of the command sets it) or the service is ending.
+    /// Returns whether the state was set.
+    pub(super) fn set_state_if_idle(&self, state: State) -> bool {
+        let mut inner = self.inner();
+        if inner.acting || inner.machine_state.state == State::Ending {
+            return false;
+        }
+        inner.machine_state.state = state;
+        drop(inner);
+        self.changed();
+        true
+    }
+
+    /// Ends the command in progress and sets the state, unless the service is ending.
+    pub(super) fn finish_command(&self, state: State) {
+        let mut inner = self.inner();
+        inner.acting = false;
+        if inner.machine_state.state != State::Ending {
+            inner.machine_state.state = state;
+        }
+        drop(inner);
+        self.changed();
+    }
+}
+
+#[cfg(test)]
+impl CommandGate {
+    /// Gate of a machine with one cycle; the receiver is that of [`Self::new`].
+    pub fn for_tests() -> (Self, mpsc::Receiver<WorkerCommand>) {
+        let config = "min_interval_s = 0.0\n[[cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
+        let (log, metrics): (Log, _) = (Log::new(|_, _| {}), super::metrics::Metrics::default());
+        Self::new(&toml::from_str(config).unwrap(), log, metrics.of("mill"))
+    }
+}

@@ -1,0 +1,330 @@
+//! The scheduler: checks the clock, decides about the due slots, and executes the decision, first in the journal,
+//! then at the gate.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use jiff::{SignedDuration, Timestamp};
+
+use super::entry::{BY_CALL, Entry, Overlap, ReadinessCondition};
+use super::judge::{Decision, StartConditions, StartRequirements, judge};
+use super::records::SlotRecords;
+use super::window::{Window, window};
+use crate::service::Log;
+use crate::service::command_gate::CommandGate;
+use crate::service::config::Demand;
+use crate::service::machine_state::State;
+use crate::service::schedule_state::{DueRequest, Planned, Readiness};
+use crate::store::{Journal, Outcome, Slot, StoreError};
+
+/// Time within which a second request for a cycle counts as a repetition of the first; the same holds if the clock
+/// was set back.
+const REPEATED_REQUEST_WINDOW: SignedDuration = SignedDuration::from_mins(5);
+/// Number of next times in the displayed plan.
+const SHOWN_NEXT_TIMES: usize = 3;
+
+struct Track {
+    entry: Entry,
+    /// Time of the last slot that the journal has recorded.
+    last_recorded: Timestamp,
+    /// The due slot that waiting_slot: its time, and the reason why it has not started.
+    waiting_slot: Option<(Timestamp, String)>,
+}
+
+pub struct Scheduler {
+    records: SlotRecords,
+    gate: CommandGate,
+    demand: Vec<Demand>,
+    tracks: Vec<Track>,
+    last_check: Option<Timestamp>,
+    readiness: Option<Readiness>,
+    /// Time since which the control is known to execute no program, monotonic clock, s.
+    idle_since: Option<f64>,
+    idle: Option<Duration>,
+    /// The slot whose run is in progress, and the gate's number of accepted starts at its start.
+    under_way: Option<(Slot, u16)>,
+    stopped: bool,
+    minute: i64,
+}
+
+impl Scheduler {
+    /// Creates the scheduler, and records what an earlier service left: slots that it started, armings that are broken.
+    ///
+    /// # Errors
+    /// The journal cannot be written.
+    pub fn begin(
+        machine: &str,
+        (entries, demand): (&[Entry], &[Demand]),
+        gate: &CommandGate,
+        journal: &Arc<Journal>,
+        log: &Log,
+    ) -> Result<Self, StoreError> {
+        let known = entries.iter().map(|e| (e.name.clone(), format!("{} {}", e.at, e.zone)));
+        let last_recorded = journal.schedules(machine, known.collect(), Timestamp::now()).wait()?;
+        let (machine, journal, log) = (machine.to_owned(), Arc::clone(journal), log.clone());
+        let records = SlotRecords { machine, journal, log };
+        for slot in records.recent()?.into_iter().filter(|slot| slot.outcome == Outcome::Started) {
+            records.settle(slot);
+        }
+        records
+            .journal
+            .armings(&records.machine)?
+            .iter()
+            .for_each(|arming| records.end_if_broken(arming));
+        let track = |(entry, last_recorded): (&Entry, _)| Track {
+            entry: entry.clone(),
+            last_recorded,
+            waiting_slot: None,
+        };
+        Ok(Self {
+            records,
+            gate: gate.clone(),
+            demand: demand.to_vec(),
+            tracks: entries.iter().zip(last_recorded).map(track).collect(),
+            last_check: None,
+            readiness: None,
+            idle_since: None,
+            idle: None,
+            under_way: None,
+            stopped: false,
+            minute: i64::MIN,
+        })
+    }
+
+    pub fn ends(&self) -> bool {
+        self.gate.is_ending()
+    }
+
+    /// Checks all schedules once. `now`: system time; `now_s`: monotonic clock, s.
+    pub fn check_schedules(&mut self, now: Timestamp, now_s: f64) {
+        self.track_run();
+        self.read_readiness(now_s);
+        if let Some(last) = self.last_check.filter(|last| now < *last) {
+            self.records
+                .log
+                .say(&format!("schedule: the clock was set back, from {last} to {now}"));
+        }
+        let mut tracks = std::mem::take(&mut self.tracks);
+        let mut changed = false;
+        for track in &mut tracks {
+            changed |= self.check_track(track, now);
+        }
+        self.tracks = tracks;
+        self.last_check = Some(now);
+        let minute = now.as_second().div_euclid(60);
+        if changed || minute != self.minute {
+            self.minute = minute;
+            self.publish(now);
+        }
+    }
+
+    /// Processes one schedule; returns whether anything has changed.
+    fn check_track(&mut self, track: &mut Track, now: Timestamp) -> bool {
+        let found = window(&track.entry.calendar, self.last_check, track.last_recorded, now);
+        let before = track.waiting_slot.clone();
+        self.missed(track, &found);
+        // A waiting slot with a future time is dropped: the clock was set back, and the slot will be due again.
+        track.waiting_slot = track.waiting_slot.take().filter(|(at, _)| *at <= now);
+        if let Some(at) = found.due {
+            if let Some((last, why)) = track.waiting_slot.take() {
+                self.skips(track, last, format!("{why}; the next is due"));
+            }
+            let open = at > track.last_recorded || self.records.is_open(&track.entry.name, at);
+            track.waiting_slot = open.then(|| (at, String::new()));
+        }
+        if let Some((at, why)) = track.waiting_slot.take() {
+            self.decide(track, (at, why), now);
+        }
+        found.due.is_some() || !found.missed.is_empty() || before != track.waiting_slot
+    }
+
+    fn missed(&self, track: &mut Track, found: &Window) {
+        let Track { entry, last_recorded, .. } = track;
+        if found.more {
+            self.records
+                .log
+                .say(&format!("schedule {}: earlier ones were missed as well", entry.name));
+        }
+        let why = match self.last_check {
+            None => "no service was there at its time",
+            Some(_) => "the clock went forward over it, or the service stood still",
+        };
+        for at in &found.missed {
+            let slot = self.records.slot(&entry.name, entry.cycle, *at, Outcome::Missed);
+            self.records.tell(&Slot { why: why.to_owned(), ..slot });
+            *last_recorded = *at.max(last_recorded);
+        }
+    }
+
+    fn skips(&self, track: &mut Track, at: Timestamp, why: String) {
+        let Track { entry, last_recorded, .. } = track;
+        let slot = self.records.slot(&entry.name, entry.cycle, at, Outcome::Skipped);
+        self.records.tell(&Slot { why, ..slot });
+        *last_recorded = at.max(*last_recorded);
+    }
+
+    fn decide(&mut self, track: &mut Track, (at, last): (Timestamp, String), now: Timestamp) {
+        let entry = &track.entry;
+        let requirements = StartRequirements {
+            demand: &self.demand,
+            ready: &entry.ready,
+            idle: entry.idle,
+            overlap: entry.overlap,
+            latest: at.saturating_add(entry.latest).unwrap_or(at),
+        };
+        let waiting_slot = match self.judged(entry.cycle, &requirements, now) {
+            Ok(Decision::Start) => {
+                let (name, cycle) = (entry.name.clone(), entry.cycle);
+                track.last_recorded = track.last_recorded.max(at);
+                // The reason of a failure is in the journal already.
+                return drop(self.start(&name, cycle, at));
+            }
+            Ok(Decision::Skip(why)) => return self.skips(track, at, why),
+            Ok(Decision::Wait(why)) => why,
+            // Without a readable journal nothing starts.
+            Err(error) if now <= requirements.latest => format!("{error}; {}", error.remedy()),
+            Err(error) => return self.skips(track, at, error.to_string()),
+        };
+        if waiting_slot != last {
+            self.records
+                .log
+                .say(&format!("schedule {} of {at} waiting_slot: {waiting_slot}", entry.name));
+        }
+        track.waiting_slot = Some((at, waiting_slot));
+    }
+
+    fn judged(
+        &self,
+        cycle: u16,
+        requirements: &StartRequirements<'_>,
+        now: Timestamp,
+    ) -> Result<Decision, StoreError> {
+        let armings = self.records.journal.armings(&self.records.machine)?;
+        let arming = armings.iter().find(|arming| arming.cycle == cycle);
+        arming.into_iter().for_each(|arming| self.records.end_if_broken(arming));
+        let interlocks = self.readiness.map(|readiness| readiness.interlocks).unwrap_or_default();
+        let refused = self.gate.check_start(cycle, interlocks).err();
+        Ok(judge(
+            requirements,
+            &StartConditions { now, refused, arming, readiness: self.readiness, idle: self.idle },
+        ))
+    }
+
+    /// Starts a cycle: first in the journal, then at the gate.
+    fn start(&mut self, schedule: &str, cycle: u16, at: Timestamp) -> Result<(), String> {
+        let slot = self.records.slot(schedule, cycle, at, Outcome::Started);
+        if !self.records.keep(&slot) {
+            return Err("it was decided before, or the journal cannot be written".to_owned());
+        }
+        let interlocks = self.readiness.map(|readiness| readiness.interlocks).unwrap_or_default();
+        match self.gate.start(cycle, interlocks, &format!("the schedule {schedule}")) {
+            Ok(()) => {
+                self.under_way = Some((slot, self.gate.machine_state().accepted));
+                Ok(())
+            }
+            Err(refusal) => {
+                let (outcome, why) = (Outcome::Skipped, refusal.to_string());
+                self.records.tell(&Slot { outcome, why: why.clone(), ..slot });
+                Err(why)
+            }
+        }
+    }
+
+    /// Handles the request of a system timer or a person that a cycle is due.
+    pub fn called(&mut self, call: DueRequest, now: Timestamp) {
+        let DueRequest { cycle, who, answer } = call;
+        self.records.log.say(&format!("schedule: {who} says that cycle {cycle} is due"));
+        // The receiver may have been dropped.
+        let _ = answer.send(self.answer(cycle, now));
+    }
+
+    fn answer(&mut self, cycle: u16, now: Timestamp) -> Result<(), String> {
+        let name = format!("{BY_CALL} {cycle}");
+        // The conditions of all schedules of this cycle apply.
+        let of_cycle = self.tracks.iter().map(|t| &t.entry).filter(|entry| entry.cycle == cycle);
+        let ready: Vec<ReadinessCondition> =
+            of_cycle.clone().flat_map(|entry| entry.ready.clone()).collect();
+        let idle = of_cycle.map(|entry| entry.idle).max().unwrap_or_default();
+        let (demand, ready) = (self.demand.as_slice(), ready.as_slice());
+        let requirements =
+            StartRequirements { demand, ready, idle, overlap: Overlap::Skip, latest: now };
+        let decision = self.judged(cycle, &requirements, now).map_err(|error| error.to_string())?;
+        let began = |slot: &&Slot| {
+            let ran = !matches!(slot.outcome, Outcome::Skipped | Outcome::Missed);
+            slot.schedule == name && ran && now.duration_since(slot.at) < REPEATED_REQUEST_WINDOW
+        };
+        let recent = self.records.recent().map_err(|error| error.to_string())?;
+        let why = match (recent.iter().find(began), decision) {
+            (Some(slot), _) => format!("it was started already, at {}", slot.at),
+            (None, Decision::Start) => return self.start(&name, cycle, now),
+            (None, Decision::Wait(why) | Decision::Skip(why)) => why,
+        };
+        let slot = self.records.slot(&name, cycle, now, Outcome::Skipped);
+        self.records.tell(&Slot { why: why.clone(), ..slot });
+        Err(why)
+    }
+
+    /// Reads the machine's current readiness, and disarms all cycles when the machine is held or a cycle has failed.
+    fn read_readiness(&mut self, now_s: f64) {
+        self.readiness = self.gate.schedule_state().combined_readiness();
+        let state = self.gate.machine_state().state;
+        let rests =
+            state != State::Running && self.readiness.is_some_and(|readiness| readiness.idle);
+        self.idle_since = rests.then(|| self.idle_since.unwrap_or(now_s));
+        let idle = self.idle_since.map(|since| (now_s - since).max(0.0));
+        self.idle = idle.map(Duration::from_secs_f64);
+        let stopped = matches!(state, State::Held | State::Failed);
+        if stopped && !self.stopped {
+            self.records.disarm(None, "the machine is held, or a cycle failed");
+        }
+        self.stopped = stopped;
+    }
+
+    /// Follows the slot whose run is in progress, and records its end.
+    fn track_run(&mut self) {
+        let Some((mut slot, accepted)) = self.under_way.take() else { return };
+        let machine_state = self.gate.machine_state();
+        let ours = machine_state.accepted == accepted;
+        if ours && slot.run == 0 && machine_state.run > 0 {
+            slot.run = machine_state.run.into();
+            self.records.keep(&slot);
+        }
+        match machine_state.state {
+            State::Running if ours => self.under_way = Some((slot, accepted)),
+            // The next service records its outcome.
+            State::Ending => {}
+            _ => {
+                let cycle = slot.cycle;
+                if !self.records.settle(slot) {
+                    self.records.disarm(None, &format!("the schedule's cycle {cycle} failed"));
+                }
+            }
+        }
+    }
+
+    fn publish(&self, now: Timestamp) {
+        let waiting_slot = self.tracks.iter().map(|Track { waiting_slot, .. }| {
+            waiting_slot.as_ref().map(|(at, why)| format!("that of {at} waiting_slot: {why}"))
+        });
+        let all = self.tracks.iter().map(|track| of_entry(&track.entry, now)).zip(waiting_slot);
+        let all = all.map(|(planned, waiting)| Planned { waiting, ..planned });
+        self.gate.schedule_state().set_planned(all.collect());
+    }
+}
+
+/// Schedules with their next times after `now`.
+pub fn planned(entries: &[Entry], now: Timestamp) -> Vec<Planned> {
+    entries.iter().map(|entry| of_entry(entry, now)).collect()
+}
+
+fn of_entry(entry: &Entry, now: Timestamp) -> Planned {
+    Planned {
+        name: entry.name.clone(),
+        cycle: entry.cycle,
+        at: entry.at.clone(),
+        zone: entry.zone.clone(),
+        latest_min: entry.latest.as_secs() / 60,
+        next: entry.calendar.after(now).take(SHOWN_NEXT_TIMES).collect(),
+        waiting: None,
+    }
+}

@@ -1,0 +1,55 @@
+//! Commands to a machine's worker, and the acknowledgement of a person.
+
+use tokio::sync::oneshot;
+
+use super::machine_state::Refusal;
+use crate::store::RunId;
+
+/// Commands to the worker. While one is in progress, no other is accepted.
+#[derive(Debug)]
+pub enum WorkerCommand {
+    Start { cycle: u16 },
+    Acknowledge(Acknowledgement),
+    Resume { run: RunId, acknowledgement: Acknowledgement },
+    End,
+}
+
+/// Acknowledgement: a person has inspected the machine.
+#[derive(Debug)]
+pub struct Acknowledgement {
+    pub who: String,
+    pub why: String,
+    /// Whether all axes are homed; required where the control may have lost its position.
+    pub homed: bool,
+    /// Channel for the result.
+    pub answer: oneshot::Sender<Result<(), Refusal>>,
+}
+
+/// The person who inspected the machine, the reason, and whether the axes are homed.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Inspection<'a> {
+    pub who: &'a str,
+    pub why: &'a str,
+    pub homed: bool,
+}
+
+impl Inspection<'_> {
+    pub(super) fn acknowledgement(self) -> (Acknowledgement, Answer) {
+        let (answer, told) = oneshot::channel();
+        let Self { who, why, homed } = self;
+        (Acknowledgement { who: who.to_owned(), why: why.to_owned(), homed, answer }, told)
+    }
+}
+
+/// Receiver of the result of an accepted acknowledgement.
+pub type Answer = oneshot::Receiver<Result<(), Refusal>>;
+
+/// Effect of a hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stopped {
+    Run,
+    /// No motion of this program was in progress.
+    Nothing,
+    /// Another process may move the machine; this one cannot hold it.
+    Elsewhere,
+}
