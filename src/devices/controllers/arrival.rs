@@ -1,21 +1,21 @@
-//! Whether a machine stands where it was sent, and how far it may go once it is held. What every
-//! control shares that reports positions.
+//! Checks whether a machine is where it was sent, and computes its braking distance after a hold. Shared by
+//! all controls that report positions.
 
 use crate::controllers::ControllerError;
 use machine::record::machine::{AxisSpec, Machine};
 use machine::{Axis, Position};
 
-/// A control stands where it was sent to within this, mm or degrees: coarser than a step of any
-/// machine that can measure, finer than what a collision could come of.
+/// Largest distance from the target at which a control counts as arrived, mm or degrees: coarser than a
+/// step of any machine that can measure, and too small to cause a collision.
 const ARRIVED: f64 = 0.02;
 
-/// How far from its target an axis may stand, mm or rad.
+/// Largest permitted distance of an axis from its target, mm or rad.
 pub(in crate::controllers) fn tolerance(axis: Axis, spec: Option<&AxisSpec>) -> f64 {
     let step_mm = spec.map_or(0.0, |spec| spec.resolution_um * 1e-3);
     if axis.is_linear() { ARRIVED.max(2.0 * step_mm) } else { axis.from_edge(ARRIVED) }
 }
 
-/// The axis of `target` that stands farthest off, if any is out of tolerance.
+/// Error that names the axis of `target` with the largest deviation, if any axis is out of tolerance.
 pub(in crate::controllers) fn astray(
     target: &Position,
     stands: &Position,
@@ -23,7 +23,7 @@ pub(in crate::controllers) fn astray(
 ) -> Option<ControllerError> {
     let off = |(axis, value): &(Axis, f64)| (value - stands.at(*axis)).abs() / tolerance(*axis);
     let (axis, wanted) = target.iter().max_by(|one, other| off(one).total_cmp(&off(other)))?;
-    // A position that is no number is no arrival.
+    // A position of NaN must not count as arrival.
     if off(&(axis, wanted)) <= 1.0 {
         return None;
     }
@@ -31,7 +31,7 @@ pub(in crate::controllers) fn astray(
     Some(ControllerError::Astray { wanted: told(wanted), stands: told(stands.at(axis)) })
 }
 
-/// A contact lies between where the probing move began and where it came to rest, axis by axis.
+/// Error if the contact is not between the start of the probing move and its rest position, axis by axis.
 pub(in crate::controllers) fn off_the_way(
     from: &Position,
     rest: &Position,
@@ -46,7 +46,7 @@ pub(in crate::controllers) fn off_the_way(
     astray(&on_the_way, contact, tolerance)
 }
 
-/// From the machine file: braking from rapid at the set acceleration, v²/2a, axis by axis.
+/// Braking distance of each axis from rapid at the set acceleration, v²/2a, from the machine file.
 pub(in crate::controllers) fn braking(machine: &Machine) -> String {
     let braking = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S).map(|(axis, spec)| {
         let speed = spec.rapid_per_min / 60.0;
@@ -57,7 +57,7 @@ pub(in crate::controllers) fn braking(machine: &Machine) -> String {
     format!("brakes on the path and stays; at most {}", braking.join(", "))
 }
 
-/// Between two blocks nothing but a person, or another program, moves the machine.
+/// Converts `Astray` to `NotReady`: between two blocks only a person or another program moves the machine.
 pub(in crate::controllers) fn moved_by_hand(error: ControllerError) -> ControllerError {
     match error {
         ControllerError::Astray { wanted, stands } => ControllerError::NotReady {

@@ -1,4 +1,4 @@
-//! What can go wrong at a control, and what a person should do next.
+//! Errors of a control, and what the operator should do next.
 
 use link::LinkError;
 use link::modbus::ModbusError;
@@ -31,10 +31,10 @@ pub enum ControllerError {
     Late { step: u32, said: String },
     #[error("the control is not ready: {state}")]
     NotReady { state: String, remedy: String },
-    /// Something answers, but not as this kind of control does.
+    /// A device answers, but not as this kind of control does.
     #[error("the control is not ready: {state}")]
     Strange { state: String, remedy: String },
-    /// Before anything moves.
+    /// The probe is closed before the first motion.
     #[error("the control is not ready: the probe reads closed")]
     ProbeClosed,
     #[error("this control cannot do it: {what}")]
@@ -80,9 +80,9 @@ pub enum ControllerError {
 }
 
 impl ControllerError {
-    /// The control may not know any more where its axes are: a person homes them before anything
-    /// else moves (grblHAL `alarms.h`; LinuxCNC says of itself whether it is homed). One that was not to
-    /// be held was stopped hard.
+    /// Whether the control may have lost the position of its axes: then the operator must home them before
+    /// anything else moves (grblHAL `alarms.h`; LinuxCNC reports itself whether it is homed). A machine
+    /// that did not obey a hold was stopped hard.
     pub fn position_lost(&self) -> bool {
         match self {
             Self::Reset { .. } | Self::NotHeld { .. } => true,
@@ -91,7 +91,7 @@ impl ControllerError {
         }
     }
 
-    /// The step that the words name.
+    /// The step that the message names.
     pub fn step(&self) -> Option<u32> {
         match self {
             Self::OutOfTravel { step, .. }
@@ -108,7 +108,7 @@ impl ControllerError {
         }
     }
 
-    /// What to do next, for the person at the machine.
+    /// What the operator should do next.
     pub fn remedy(&self) -> String {
         let text = match self {
             Self::Link(error) => return error.remedy(),
@@ -175,7 +175,7 @@ impl ControllerError {
         }
     }
 
-    /// Somebody, or a guard, has stopped the machine.
+    /// Remedy after an operator or a guard has stopped the machine.
     fn stopped_there(&self) -> &'static str {
         match self {
             Self::EmergencyStop => {
@@ -189,7 +189,7 @@ impl ControllerError {
                 "nothing more is sent; what the control still holds moves when somebody resumes it \
                  there: reset the control instead, look at the machine, then go on"
             }
-            // Soft limits: the firmware accepts nothing before a reset.
+            // Alarm 2, soft limits: the firmware accepts nothing before a reset.
             Self::Alarm { code: 2, .. } => {
                 "the control was asked beyond its soft limits: min and max of [axes] may be wider than its \
                  travel (grblHAL: $130 and following; `trued check` compares them). Reset the control \
@@ -203,7 +203,7 @@ impl ControllerError {
         }
     }
 
-    /// The control itself has not done it.
+    /// Remedy for a command that the control itself has not executed.
     fn given_up_there(&self) -> &'static str {
         match self {
             Self::Refused { reply, .. } if reply == "error:8" => {

@@ -1,4 +1,4 @@
-//! What a control says of itself, and what may be the matter where it says nothing that makes sense.
+//! Properties that a control reports, and possible causes if no control can be identified.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -6,43 +6,43 @@ use std::fmt;
 use machine::Axis;
 use machine::record::machine::Sense;
 
-/// What a control says of itself: as its own settings have it, whatever the machine file says.
+/// Properties that a control reports, from its own settings, independent of the machine file.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Introduction {
     /// Name and version as reported.
     pub identity: String,
-    /// Every axis that it drives.
+    /// All axes that the control drives.
     pub axes: BTreeMap<Axis, AxisSays>,
-    /// Settings of it with which it cannot measure, or with which a person should reckon.
+    /// Settings with which the control cannot measure, or which the operator must know.
     pub remarks: Vec<Remark>,
-    /// How a person turns the sense of the probe's input there, where the control can do it.
+    /// How the operator inverts the probe input at the control, if the control supports it.
     pub polarity: Option<String>,
 }
 
-/// One axis, in the units of [`AxisSpec`](machine::record::machine::AxisSpec): mm, degrees, minutes and
-/// seconds. `None`: the control does not tell it.
+/// Properties of one axis, in the units of [`AxisSpec`](machine::record::machine::AxisSpec): mm, degrees,
+/// minutes and seconds. `None` if the control does not report the value.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct AxisSays {
-    /// Its travel in machine coordinates.
+    /// Lower end of the travel in machine coordinates; `max` is the upper end.
     pub min: Option<f64>,
     pub max: Option<f64>,
-    /// Its length, where the control tells that but not its ends.
+    /// Length of the travel, if the control reports it without the ends.
     pub travel: Option<f64>,
-    /// Whether the control homes it.
+    /// Whether the control homes the axis.
     pub homes: Option<bool>,
     pub rapid_per_min: Option<f64>,
     pub acceleration_per_s2: Option<f64>,
-    /// Smallest step that the control can command or show, mm or degrees.
+    /// Smallest step that the control can command or report, mm or degrees.
     pub step: Option<f64>,
-    /// How a positive command turns what the axis carries, where the control computes with it. Whether the
-    /// machine is wired so is another matter.
+    /// Sense in which a positive command turns what the axis carries, if the control computes with it. The
+    /// wiring of the machine may differ.
     pub positive: Option<Sense>,
 }
 
-/// Something about a control's settings.
+/// A remark on a setting of a control.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Remark {
-    /// It must not measure so; otherwise it is good to know.
+    /// Whether the setting prevents a measurement; otherwise the remark is information.
     pub hinders: bool,
     pub what: String,
     pub remedy: String,
@@ -58,29 +58,29 @@ impl Remark {
     }
 }
 
-/// What a person has agreed to while it is being found out why a control does not answer.
+/// What the operator permits during the search for the reason why a control does not answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Leave {
-    /// Look and listen. Nothing is sent but what the machine file itself would have had sent.
+    /// Passive search: nothing is sent but what the machine file itself prescribes.
     Listen,
-    /// Ask in other ways too: at other speeds, in the languages of other controls, under other unit
-    /// numbers. Nothing of it is a command in the language that is tried; what another device takes it
-    /// for, nobody knows.
+    /// Active search: requests also at other baud rates, in the protocols of other controls, under other unit
+    /// numbers. None of them is a command in the protocol that is tried; their effect on another device is
+    /// unknown.
     Ask,
 }
 
-/// What may be the matter.
+/// A possible cause of a fault.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Suspicion {
-    /// Seen to be so; otherwise suspected.
+    /// Whether the cause was observed; otherwise it is suspected.
     pub seen: bool,
-    /// With leave to ask, more could be found out.
+    /// Whether an active search could find out more.
     pub vague: bool,
-    /// The mistake, in words.
+    /// Description of the mistake.
     pub what: String,
-    /// What speaks for it.
+    /// Evidence for the cause.
     pub because: String,
-    /// What to do, or the lines to write in the machine file.
+    /// What the operator should do, or the lines to write in the machine file.
     pub remedy: String,
 }
 

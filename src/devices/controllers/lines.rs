@@ -1,4 +1,4 @@
-//! The lines of a proven block, motion by motion.
+//! Lines of a proven block, motion by motion.
 
 use std::time::Duration;
 
@@ -7,17 +7,17 @@ use machine::record::motion::Motion;
 use planning::gcode::Transmission;
 use planning::proof::ProvenBlock;
 
-/// One motion and the lines that say it.
+/// One motion and the lines that command it.
 pub(in crate::controllers) struct Lines<'a> {
     pub step: u32,
     pub motion: &'a Motion,
     pub text: &'a str,
-    /// How long the clamps rest in them.
+    /// Total time for which the control waits for the clamps in these lines.
     pub clamps_rest: Duration,
 }
 
 /// # Errors
-/// A block that is not the one that was proven, or that was proven for another transmission.
+/// The block differs from the proven one, or was proven for another transmission.
 pub(in crate::controllers) fn of(block: &ProvenBlock) -> Result<Vec<Lines<'_>>, ControllerError> {
     let step = block.step();
     if !matches!(block.transmission(), Transmission::Lines { .. }) {

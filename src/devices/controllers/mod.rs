@@ -1,7 +1,7 @@
-//! The seam to machine controls. A driver executes neutral blocks, a touch at a time; its
-//! task owns the link, and no future of it is ever dropped half-way: callers send messages.
+//! Interface to machine controls. A driver executes neutral blocks, one touch at a time. Its task owns the
+//! link, and none of its futures is dropped before it completes: callers send messages.
 //!
-//! Stop = hold and stay. Nothing here is an emergency stop.
+//! A stop holds the machine, which stays where it is. Nothing here is an emergency stop.
 
 use std::fmt;
 use std::future::Future;
@@ -34,27 +34,27 @@ pub use error::ControllerError;
 pub use introduction::{AxisSays, Introduction, Leave, Remark, Suspicion};
 pub use readiness::{ReadinessItem, describe_not_readable};
 
-/// A control as `[controller]` names it. What stands in that table is its room's own matter.
+/// Configuration of a control, from `[controller]`. Each kind of control defines the keys of its own table.
 pub trait Named: fmt::Debug + Send + Sync {
-    /// The language it is spoken to, a folder of `gcode-templates/`.
+    /// The G-code dialect of the control, a folder of `gcode-templates/`.
     fn dialect(&self) -> &str;
-    /// The file that takes the results, where the control writes them itself.
+    /// Name of the result file, if the control writes the results itself.
     fn log(&self) -> Option<String> {
         None
     }
-    /// Where it is reached, in words.
+    /// Address of the control, in words.
     fn at(&self) -> String;
-    /// Open its links and start its task. What it stamps has the time of `clock`, unless it has a clock
-    /// of its own. Nothing is commanded yet. Call inside a tokio runtime.
+    /// Opens the control's links and starts its task. Timestamps have the time of `clock`, unless the
+    /// control has a clock of its own. Nothing is commanded yet. Call inside a tokio runtime.
     fn open<'a>(
         &'a self,
         machine: &'a Machine,
         modes: ProvenModes,
         clock: Arc<dyn Clock>,
     ) -> Opening<'a>;
-    /// Why it could not be opened or prepared, which `failed` has told; the most likely first, and
-    /// none where nothing is found. It opens links of its own: whoever held them has let go. Nothing
-    /// moves. Call inside a tokio runtime.
+    /// Possible causes why the control could not be opened or prepared, which has failed with `failed`; the
+    /// most likely first, none if nothing is found. It opens its own links: earlier links must be closed.
+    /// Nothing moves. Call inside a tokio runtime.
     fn diagnose<'a>(
         &'a self,
         machine: &'a Machine,
@@ -68,60 +68,60 @@ pub type Opening<'a> =
 
 pub type Diagnosing<'a> = Pin<Box<dyn Future<Output = Vec<Suspicion>> + Send + 'a>>;
 
-/// What a control says of itself once it is ready to move.
+/// Properties of a control that is ready to move.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prepared {
     /// Name and version as reported, for the record.
     pub identity: String,
     /// How this control stops on a halt, and its worst-case travel, in words.
     pub stop: String,
-    /// Where the machine stands, machine coordinates: every axis that the control reports.
+    /// Position of the machine, machine coordinates: every axis that the control reports.
     pub stands: Position,
     pub transmission: Transmission,
     /// Items of the readiness list that the driver cannot read on this control.
     pub not_readable: Vec<ReadinessItem>,
 }
 
-/// What is to be seen of a machine that stands.
+/// State of a machine at rest.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Look {
     pub probe_closed: bool,
-    /// As in [`Prepared`].
+    /// Position of the machine, as in [`Prepared`].
     pub stands: Position,
 }
 
-/// What each control implements. One call at a time, each runs to its end.
+/// Interface that each control implements. One call at a time; each call runs to its end.
 pub trait Driver: Send + 'static {
-    /// Shake hands, refuse what cannot measure, set all modal state. Called again after a person was at the
-    /// machine.
+    /// Performs the handshake, refuses a control that cannot measure, sets all modal state. Called again
+    /// after an operator was at the machine.
     fn prepare(&mut self) -> impl Future<Output = Result<Prepared, ControllerError>> + Send;
     /// As [`prepare`](Self::prepare), but a closed probe is accepted: while it reads closed, only a block
-    /// that begins with a back-off is executed. A control whose `prepare` does not read the probe needs
-    /// nothing else.
+    /// that begins with a back-off is executed. A control whose `prepare` does not read the probe uses this
+    /// default.
     fn prepare_in_contact(
         &mut self,
     ) -> impl Future<Output = Result<Prepared, ControllerError>> + Send {
         self.prepare()
     }
-    /// Execute one block; return when the machine stands still and the result is known. Refused if the
-    /// machine is not where the block begins, or the block is not the one that was proven.
+    /// Executes one block; returns when the machine is at rest and the result is known. Refuses the block
+    /// if the machine is not where the block begins, or if the block is not the one that was proven.
     fn execute(
         &mut self,
         block: ProvenBlock,
     ) -> impl Future<Output = Result<Outcome, ControllerError>> + Send;
-    /// How things stand now. Nothing moves.
+    /// Reads the present state. Nothing moves.
     fn look(&mut self) -> impl Future<Output = Result<Look, ControllerError>> + Send;
-    /// What it says of itself, prepared or not. Nothing moves and nothing is set.
+    /// Reads the control's properties, prepared or not. Nothing moves and nothing is set.
     fn introduce(&mut self) -> impl Future<Output = Result<Introduction, ControllerError>> + Send;
-    /// Whether the outcome of a block that moves at feed has its track.
+    /// Whether the outcome of a block with a feed motion has the track of that motion.
     fn stamps(&self) -> bool {
         false
     }
-    /// Restore the modal state found.
+    /// Restores the modal state that `prepare` has found.
     fn finish(&mut self) -> impl Future<Output = Result<(), ControllerError>> + Send;
 }
 
-/// Holds the machine where it stands, whatever else waits. Cloneable; works from any thread.
+/// Holds the machine at its position, whatever else is pending. Cloneable; works from any thread.
 #[derive(Clone)]
 pub struct Halt {
     halted: Arc<AtomicBool>,
@@ -129,7 +129,7 @@ pub struct Halt {
 }
 
 impl Halt {
-    /// `act` puts the hold on the wire at once and must not block.
+    /// `act` sends the hold at once and must not block.
     pub fn new(act: impl Fn() + Send + Sync + 'static) -> Self {
         Self { halted: Arc::new(AtomicBool::new(false)), act: Arc::new(act) }
     }
@@ -139,7 +139,7 @@ impl Halt {
         (self.act)();
     }
 
-    /// Drivers ask this before every line that could move the machine.
+    /// Whether a halt was requested. Drivers check this before every line that could move the machine.
     pub fn is_halted(&self) -> bool {
         self.halted.load(Ordering::SeqCst)
     }
@@ -154,7 +154,7 @@ enum Request {
     Finish(oneshot::Sender<Result<(), ControllerError>>),
 }
 
-/// The handle that the run holds: messages to the driver's task.
+/// Handle that the run holds: sends messages to the driver's task.
 pub struct Controller {
     requests: mpsc::Sender<Request>,
     halt: Halt,
@@ -162,7 +162,7 @@ pub struct Controller {
 }
 
 impl Controller {
-    /// Start the task that owns `driver`. Call inside a tokio runtime.
+    /// Starts the task that owns `driver`. Call inside a tokio runtime.
     pub fn spawn(driver: impl Driver, halt: Halt) -> Self {
         let (requests, inbox) = mpsc::channel(1);
         let stamps = driver.stamps();
@@ -170,7 +170,7 @@ impl Controller {
         Self { requests, halt, stamps }
     }
 
-    /// Whether it stamps where the axes stand while they move: see [`Outcome::track`].
+    /// Whether the control stamps the positions of the axes during motion: see [`Outcome::track`].
     pub fn stamps(&self) -> bool {
         self.stamps
     }
@@ -183,7 +183,7 @@ impl Controller {
         self.ask(Request::Prepare).await
     }
 
-    /// For a retract: see [`Driver::prepare_in_contact`].
+    /// Prepares for a retract: see [`Driver::prepare_in_contact`].
     pub async fn prepare_in_contact(&self) -> Result<Prepared, ControllerError> {
         self.ask(Request::PrepareInContact).await
     }
@@ -214,11 +214,11 @@ impl Controller {
     }
 }
 
-/// The driver's task: requests one after the other until the handle is dropped. An answer nobody
-/// waits for any more is dropped; the work it stands for was still done to its end.
+/// Task of the driver: handles requests one after the other until the handle is dropped. If the caller no
+/// longer waits for an answer, the answer is dropped; the request was still executed to its end.
 async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>, halt: Halt) {
-    // A control that was held meanwhile is not ready: that is no fault of its own. One that has lost its
-    // position has lost it all the same.
+    // A control that was held meanwhile is not ready: that is not its own fault. A lost position is
+    // reported all the same.
     let held = |error: ControllerError| match halt.is_halted() && !error.position_lost() {
         true => ControllerError::Halted,
         false => error,

@@ -1,4 +1,4 @@
-//! Why a port does not open, from what the system says of it.
+//! Why a port cannot be opened, from the error of the operating system.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -8,11 +8,11 @@ use super::{ControllerError, Suspicion};
 use link::modbus::ModbusError;
 use link::{BY_ID, LinkError, Named};
 
-/// Ports that a person may have meant, as Linux names them. Of ttyS a computer has dozens that lead
-/// nowhere.
+/// Serial ports that the operator may have meant, by their names in Linux. A computer has dozens of ttyS
+/// ports without a device.
 const SERIAL: [&str; 3] = ["ttyUSB", "ttyACM", "ttyAMA"];
 
-/// What the system says of the link `at` that did not open; none where it did.
+/// Suspected causes if the link `at` could not be opened, from the system's error; none if it could.
 pub(in crate::controllers) fn suspects(at: &Named, failed: &ControllerError) -> Vec<Suspicion> {
     let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::Link(error))) = failed
     else {
@@ -130,7 +130,7 @@ fn busy(address: &str) -> Suspicion {
     seen(format!("another program holds {address}"), because, &remedy)
 }
 
-/// Who has `path` open, as far as this user may see.
+/// Number and name of a process that has `path` open, as far as this user may see it.
 fn holder(path: &Path) -> Option<(u32, String)> {
     let wanted = fs::canonicalize(path).ok()?;
     let own = std::process::id();

@@ -1,8 +1,9 @@
-//! What must be known of a control before its first motion: one list for all controls.
+//! Items that must be known of a control before its first motion: one list for all controls.
 
 use std::fmt;
 
-/// An item of the list. A driver reads it and refuses what hinders, or names it as not readable.
+/// An item of the list. A driver reads it and refuses a state that prevents a measurement, or reports the
+/// item as not readable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReadinessItem {
     Units,
@@ -58,7 +59,7 @@ impl fmt::Display for ReadinessItem {
     }
 }
 
-/// `None` where every item is readable.
+/// Describes the items that are not readable; `None` if there are none.
 pub fn describe_not_readable(items: &[ReadinessItem]) -> Option<String> {
     let names: Vec<String> = items.iter().map(ToString::to_string).collect();
     (!names.is_empty()).then(|| format!("not readable on this control: {}", names.join(", ")))

@@ -1,27 +1,27 @@
-//! Whether a time that a control reports can be one of its clock. The drift of a whole run is fitted over these
-//! times: one wrong value would ruin the identification long after the touch.
+//! Checks whether a time that a control reports can be a time of its clock. The drift of a whole run is
+//! fitted over these times: one wrong value would ruin the identification long after the touch.
 
 use crate::controllers::ControllerError;
 
-/// Whatever epoch the clock counts from. An `f64` of this size still resolves 0.02 ms.
+/// Largest time of a clock, s, whatever its epoch. An `f64` of this size still resolves 0.02 ms.
 const MAX_TIME_S: f64 = 1e11;
-/// Between two blocks of one preparation less time passes: after a person was at the machine it is prepared
-/// again.
+/// Largest time between two blocks of one preparation, s: after an operator was at the machine, it is
+/// prepared again.
 const MAX_STEP_S: f64 = 86_400.0;
-/// A clock may count in whole seconds.
+/// Coarsest resolution of a clock, s: it may count in whole seconds.
 const RESOLUTION_S: f64 = 1.0;
 
-/// The clock of a control since it was prepared.
+/// Clock of a control since the preparation.
 #[derive(Debug, Default)]
 pub(in crate::controllers) struct ControlClock {
     last_s: Option<f64>,
 }
 
 impl ControlClock {
-    /// The time of `contact`, or else the time `now` after it.
+    /// Returns the time of `contact`, or else the time `now`, which is later.
     ///
     /// # Errors
-    /// One of them cannot be a time of this clock.
+    /// One of the times cannot be a time of this clock.
     pub fn checked(
         &mut self,
         contact: ReportedTime,
@@ -39,17 +39,17 @@ impl ControlClock {
     }
 }
 
-/// A time as a control reports it.
+/// A time that a control reports.
 #[derive(Debug, Clone, Copy)]
 pub(in crate::controllers) struct ReportedTime {
-    /// Its name in the control's reports.
+    /// Name of the time in the control's reports.
     pub name: &'static str,
-    /// `None`: it is not reported.
+    /// Time, s; `None` if it is not reported.
     pub t_s: Option<f64>,
 }
 
 impl ReportedTime {
-    /// It is within what a clock can show, and not far from `last_s`, the time before.
+    /// Checks that a clock can report the time, and that it is not far from `last_s`, the time before.
     fn follows(self, last_s: Option<f64>) -> Result<(), ControllerError> {
         let Some(t_s) = self.t_s else { return Ok(()) };
         if !(0.0..=MAX_TIME_S).contains(&t_s) {
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     fn checked(clock: &mut ControlClock, stamp_s: f64, now_s: f64) -> Result<Option<f64>, String> {
-        // As the window of registers: 0 is no time.
+        // As in the window of registers: 0 means no time.
         let told = |t_s: f64| (t_s != 0.0).then_some(t_s);
         let contact = ReportedTime { name: "latch", t_s: told(stamp_s) };
         let now = ReportedTime { name: "now", t_s: told(now_s) };

@@ -1,9 +1,9 @@
-//! Who speaks at a port, whatever the machine file says: each control's own way of saying that it is
-//! there. Nothing of it moves a machine where its language is spoken.
+//! Identifies the device at a port, independent of the machine file, by the identification request of each
+//! control. None of these requests moves a machine that understands it.
 //!
-//! At a wrong speed a byte may be anything. `?`, alone, is heard as nothing that Grbl acts upon, whatever
-//! the two speeds of [`SPEEDS`] (a test looks at each pair); a Modbus device answers nothing whose check
-//! sum is wrong.
+//! At a wrong baud rate a byte may be received as any other byte. A single `?` is never received as a byte on
+//! which Grbl acts, for any two baud rates of [`SPEEDS`] (a test checks each pair); a Modbus device does not
+//! answer a request with a wrong checksum.
 
 use std::time::Duration;
 
@@ -13,19 +13,19 @@ use super::{Suspicion, grbl, linuxcnc, modbus};
 use link::modbus::{Allowed, Framing, Line, Modbus, ModbusError, Parity, Range, Settings, Space};
 use link::{Address, Named, Received};
 
-/// Usual ones, the most usual first.
+/// Usual baud rates, the most usual first.
 pub(in crate::controllers) const SPEEDS: [u32; 9] =
     [115_200, 250_000, 57_600, 38_400, 19_200, 9_600, 230_400, 460_800, 921_600];
 
 const ANSWER: Duration = Duration::from_millis(1200);
 const AGAIN: Duration = Duration::from_millis(300);
-/// A reply of a few bytes at 9600 baud takes 10 ms.
+/// Maximum time for a Modbus reply. A reply of a few bytes at 9600 baud takes 10 ms.
 const REPLY: Duration = Duration::from_millis(250);
-/// Where nobody forwards, a Modbus device on TCP answers this one.
+/// Unit number that a Modbus device on TCP answers if there is no gateway.
 const TCP_UNIT: u8 = 255;
 const RTU_UNIT: u8 = 1;
 
-/// A control of another kind than `known` at a serial port, at `baud` or another usual speed.
+/// Searches for a control of another kind than `known` at a serial port, at `baud` or another usual rate.
 pub(in crate::controllers) async fn on_serial(
     path: &str,
     baud: u32,
@@ -56,7 +56,7 @@ pub(in crate::controllers) async fn on_serial(
     None
 }
 
-/// A control of another kind than `known` behind a TCP port.
+/// Searches for a control of another kind than `known` behind a TCP port.
 pub(in crate::controllers) async fn on_tcp(at: &Named, known: &str) -> Option<Suspicion> {
     let address = at.address().ok()?;
     let keys = format!("tcp = \"{address}\"");
@@ -90,7 +90,7 @@ fn wrong_kind(known: &str, kind: &str, said: &str, keys: &str) -> Suspicion {
     }
 }
 
-/// Nothing that is known speaks at `at`.
+/// Suspected cause if no known control answers at `at`.
 pub(in crate::controllers) fn nobody(at: &str, because: &str) -> Suspicion {
     Suspicion {
         seen: false,
@@ -103,18 +103,18 @@ pub(in crate::controllers) fn nobody(at: &str, because: &str) -> Suspicion {
     }
 }
 
-/// What a Grbl answers to `?`.
+/// Returns the answer of a Grbl to `?`.
 pub(in crate::controllers) async fn greets_as_grbl(address: &Address) -> Option<String> {
     let is_status = |line: &str| line.starts_with('<') && line.ends_with('>') && line.contains('|');
     said(address, b"?", is_status).await
 }
 
-/// What linuxcncrsh answers to a greeting.
+/// Returns the answer of linuxcncrsh to a greeting.
 pub(in crate::controllers) async fn greets_as_rsh(address: &Address) -> Option<String> {
     said(address, b"hello EMC trued 1.0\n", |line| line.starts_with("HELLO ")).await
 }
 
-/// The first line that `fits`; asked again while nothing comes.
+/// Returns the first line that `fits`; repeats the request while nothing comes.
 async fn said(address: &Address, ask: &[u8], fits: impl Fn(&str) -> bool) -> Option<String> {
     let mut link = link::open(address).await.ok()?;
     let deadline = Instant::now() + ANSWER;
@@ -131,7 +131,7 @@ async fn said(address: &Address, ask: &[u8], fits: impl Fn(&str) -> bool) -> Opt
     None
 }
 
-/// Whether a Modbus device answers as `unit`, if only with a refusal.
+/// Whether a Modbus device answers as `unit`, even if with a refusal.
 pub(in crate::controllers) async fn answers_modbus(line: &Line, unit: u8) -> bool {
     let read = vec![Range { space: Space::Input, first: 0, last: 0 }];
     let settings = Settings { unit, timeout: REPLY, allowed: Allowed { read, write: Vec::new() } };
@@ -140,7 +140,7 @@ pub(in crate::controllers) async fn answers_modbus(line: &Line, unit: u8) -> boo
     matches!(reply, Ok(_) | Err(ModbusError::Refused { .. }))
 }
 
-/// The lines on which a Modbus device may answer where `at` leads.
+/// Lines at `at` on which a Modbus device may answer.
 fn modbus_lines(at: &Named) -> Vec<Line> {
     let usual = Line::usual(at.clone());
     match usual.framing {
@@ -158,8 +158,8 @@ mod tests {
 
     #[test]
     fn a_question_mark_at_a_wrong_speed_commands_nothing() {
-        // Grbl's realtime commands that act (grblHAL `grbl.h`: exit, reset, stop; of those from 0x80 on, 0x80 and
-        // 0x87 report and 0x9f is none), line ends, and whatever could stand in a line.
+        // Grbl's realtime commands that act (grblHAL `grbl.h`: exit, reset, stop; of those from 0x80 on,
+        // 0x80 and 0x87 report and 0x9f is none), line ends, and every character that a line may contain.
         let acts = |byte: u8| {
             matches!(byte, b'\n' | b'\r' | 0x03 | 0x18 | 0x19 | 0x81..=0x86 | 0x88..=0x9e | 0xa0..=0xa4)
                 || (0x20..0x7f).contains(&byte)

@@ -1,14 +1,15 @@
-//! The count of a rotary encoder that comes with each sample: an encoder-triggered amplifier sends it beside the
-//! value. Counters begin anew after `round` counts; the count is kept as the remainder, and only differences of
-//! counts are used. A signed count has the same remainders.
+//! Count of a rotary encoder that comes with each sample: an encoder-triggered amplifier sends it together
+//! with the value. A counter restarts after `round` counts; the count is kept as the remainder, and only
+//! differences of counts are used. A signed count has the same remainders.
 
-/// Largest `round`. A counter without an end is read modulo this.
+/// Largest `round`. An unlimited counter is read modulo this value.
 pub(super) const MAX_ROUND: u64 = 1 << 32;
 
-/// After how many counts the count begins anew: `round` where it is stated, otherwise what `bits` hold.
+/// Number of counts after which the count restarts: `round` if it is stated, otherwise the capacity of
+/// `bits`.
 ///
 /// # Errors
-/// A `round` that no counter of so many bits has.
+/// No counter of so many bits has the stated `round`.
 pub(super) fn round(stated: Option<u64>, bits: u16) -> Result<u64, String> {
     let most = 1_u64.checked_shl(u32::from(bits)).unwrap_or(MAX_ROUND).min(MAX_ROUND);
     match stated {
@@ -20,8 +21,8 @@ pub(super) fn round(stated: Option<u64>, bits: u16) -> Result<u64, String> {
     }
 }
 
-/// The remainder of `number`, from 0 to `round` - 1.
+/// Returns the remainder of `number`, from 0 to `round` - 1.
 pub(super) fn wrapped(number: i128, round: u64) -> u32 {
-    // Less than 2^32 by `round`.
+    // The conversion is exact: `round` is at most 2^32.
     number.rem_euclid(i128::from(round)) as u32
 }

@@ -1,4 +1,4 @@
-//! What can go wrong at a sensor, and what a person should do next.
+//! Errors of a sensor, and what the operator should do next.
 
 use link::LinkError;
 use link::can::CanError;
@@ -31,10 +31,10 @@ impl SensorError {
         matches!(self, Self::Link(_) | Self::Modbus(_) | Self::Can(_) | Self::Silent { .. })
     }
 
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
-            // Of the machine, whose state nobody need doubt, the link's own words would speak.
+            // The link's own message concerns the machine, whose state is not in doubt here.
             Self::Link(LinkError::Lost { .. })
             | Self::Modbus(ModbusError::Lost { .. } | ModbusError::Ended { .. }) => {
                 "see to the sensor's power and cable; a port that comes back under another name is found \

@@ -1,8 +1,8 @@
-//! Where a whole number lies within a frame's bytes. Common to whatever sends frames.
+//! Position of an integer within a frame's bytes. Shared by all sensors that send frames.
 
 use serde::Deserialize;
 
-/// The order of a number's bytes as they are sent.
+/// Order in which the bytes of a number are sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Order {
@@ -12,15 +12,15 @@ pub enum Order {
     Big,
 }
 
-/// A whole number of `width` bits. Its bytes are those from `byte` on, in the order given; `bit` is how
-/// many bits lie below it: in the first byte (little) or in the last (big).
+/// An integer of `width` bits. Its bytes begin at `byte`, in the given order; `bit` is the number of bits
+/// below it, in the first byte (little) or in the last (big).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Field {
     pub byte: u16,
     pub bit: u16,
     pub width: u16,
     pub order: Order,
-    /// Two's complement.
+    /// Whether the number is in two's complement.
     pub signed: bool,
 }
 
@@ -28,7 +28,7 @@ pub const MOST_BITS: u16 = 64;
 
 impl Field {
     /// # Errors
-    /// In words, with the key below `name`.
+    /// The field is invalid; the message names the key below `name`.
     pub fn check(&self, name: &str) -> Result<(), String> {
         let Self { bit, width, signed, .. } = *self;
         let least = if signed { 2 } else { 1 };
@@ -42,17 +42,17 @@ impl Field {
         Ok(())
     }
 
-    /// How many bytes it touches.
+    /// Number of bytes that the field occupies, in whole or in part.
     fn bytes(&self) -> usize {
         usize::from((self.bit + self.width).div_ceil(8))
     }
 
-    /// The first byte behind it.
+    /// Index of the first byte after the field.
     pub fn end(&self) -> usize {
         usize::from(self.byte) + self.bytes()
     }
 
-    /// Each of its bits, as byte and bit within it.
+    /// Returns each bit of the field, as byte and bit within the byte.
     pub fn bits(&self) -> impl Iterator<Item = (usize, usize)> + use<> {
         let Self { byte, bit, width, order, .. } = *self;
         let (first, last) = (usize::from(byte), self.end().saturating_sub(1));
@@ -62,13 +62,13 @@ impl Field {
         })
     }
 
-    /// Least and greatest that it can hold.
+    /// Returns the smallest and the largest number that the field can hold.
     pub fn range(&self) -> (i128, i128) {
         let size = 1_i128 << self.width.min(MOST_BITS);
         if self.signed { (-(size / 2), size / 2 - 1) } else { (0, size - 1) }
     }
 
-    /// The number; `None` where `frame` ends before it.
+    /// Reads the number; `None` if `frame` is too short.
     pub fn of(&self, frame: &[u8]) -> Option<i128> {
         let bytes = frame.get(usize::from(self.byte)..self.end())?;
         let join = |number: u128, byte: &u8| number << 8 | u128::from(*byte);
@@ -77,7 +77,7 @@ impl Field {
             Order::Big => bytes.iter().fold(0, join),
         };
         let size = 1_i128 << self.width.min(MOST_BITS);
-        // At most 64 bits are left by the mask.
+        // The conversion is exact: the mask leaves at most 64 bits.
         let number = (joined >> self.bit) as i128 & (size - 1);
         Some(if self.signed && number >= size / 2 { number - size } else { number })
     }
@@ -112,9 +112,9 @@ mod tests {
 
     #[test]
     fn twelve_bits_that_begin_within_a_byte() {
-        // Little: the upper half of byte 0 is the lowest; A, then CB.
+        // Little: the upper half of byte 0 is the lowest digit A, followed by CB.
         assert_eq!(field(0, 4, 12, Order::Little, false).of(&[0xA5, 0xCB]), Some(0xCBA));
-        // Big: all of byte 0 is the highest, the upper half of byte 1 the lowest.
+        // Big: byte 0 has the highest digits, the upper half of byte 1 the lowest.
         assert_eq!(field(0, 4, 12, Order::Big, false).of(&[0xA5, 0xCB]), Some(0xA5C));
         assert_eq!(field(0, 4, 12, Order::Big, true).of(&[0xA5, 0xCB]), Some(0xA5C - 0x1000));
     }

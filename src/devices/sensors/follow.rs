@@ -1,25 +1,25 @@
-//! From what a sensor says to samples: follows its counter, so that what is missing is known and what
-//! came before is not taken twice. Common to all sensors.
+//! Converts a sensor's values to samples and follows its counter: missing samples are counted, and no
+//! sample is used twice. Shared by all sensors.
 
 use super::Sample;
 use super::layout::Decoded;
 use machine::record::reading::Flag;
 
-/// Whatever says a value and a count.
+/// Follows the counter of a sensor that sends a value and a count.
 pub struct Counting {
-    /// After so many samples the counter begins anew.
+    /// Number of samples after which the counter restarts.
     round: Option<u64>,
-    /// Of the sample before.
+    /// Count of the previous sample.
     count: Option<u64>,
-    /// Something was lost since the last sample, and no counter says how much.
+    /// Whether data were lost since the last sample, by an amount that no counter shows.
     broken: bool,
-    /// Nobody asked for what lies between the last sample and the next.
+    /// Whether the samples between the last one and the next were not requested.
     fresh: bool,
-    /// The last sample had the number of the one before.
+    /// Whether the last sample had the count of the sample before it.
     stands: bool,
-    /// So much time has passed that the counter may have gone round to the same number.
+    /// Whether so much time has passed that the counter may have wrapped to the same count.
     long: bool,
-    /// Samples that came while nobody listened, as far as the counter tells.
+    /// Number of samples that were not requested, as far as the counter shows.
     passed_over: u64,
 }
 
@@ -35,17 +35,19 @@ impl Counting {
         Self { round, count, broken, fresh, stands, long, passed_over }
     }
 
-    /// Samples may be missing before the next one.
+    /// Records that samples may be missing before the next one.
     pub fn interrupted(&mut self) {
         self.broken = true;
     }
 
-    /// What lies between the last sample and the next is not missed. A count that still stands is.
+    /// Records that samples between the last one and the next do not count as missing. An unchanged count
+    /// is still detected.
     pub fn forget(&mut self) {
         (self.broken, self.fresh) = (false, true);
     }
 
-    /// What lies between the last sample and the next is not missed, however much it is.
+    /// Records that samples between the last one and the next do not count as missing, however many they
+    /// are.
     pub fn pass(&mut self) {
         self.forget();
         self.long = true;
@@ -55,13 +57,13 @@ impl Counting {
         self.passed_over
     }
 
-    /// What comes next is the first: with a narrow counter it may have gone round to the same number.
+    /// Starts anew with the next sample: a narrow counter may have wrapped to the same count.
     pub fn begin(&mut self) {
         self.forget();
         self.count = None;
     }
 
-    /// The last sample came, and its counter said that it had come before.
+    /// Whether the last sample had an unchanged count: it is an old sample.
     pub fn stands(&self) -> bool {
         self.stands
     }
@@ -86,7 +88,7 @@ impl Counting {
         let Some(last) = self.count.replace(count) else { return Step::On { missing: 0 } };
         let round = self.round.unwrap_or(1);
         match (round + count - last) % round {
-            // After an interruption it may have gone round.
+            // After an interruption the counter may have wrapped.
             0 if !self.broken && !long => Step::Stands,
             0 => Step::On { missing: 0 },
             on if fresh => {

@@ -1,5 +1,5 @@
-//! What a sensor's frame holds, as the machine file tells it: the value, what it says of itself, a
-//! counter. Common to whatever sends frames.
+//! Content of a sensor's frame, as the machine file describes it: value, status and counter. Shared by all
+//! sensors that send frames.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use super::encoder;
 use super::field::{Field, Order};
 use machine::record::reading::Flag;
 
-/// `[sensor.….value]`: value = `offset_mm` + `scale_mm` × the number.
+/// Keys of `[sensor.….value]`: value = `offset_mm` + `scale_mm` × the number.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ValueKeys {
@@ -20,11 +20,11 @@ pub struct ValueKeys {
     order: Option<Order>,
     #[serde(default)]
     signed: bool,
-    /// mm of one count; negative where the sensor counts the other way.
+    /// Size of one count, mm; negative if the sensor counts in the other direction.
     scale_mm: f64,
     #[serde(default)]
     offset_mm: f64,
-    /// Numbers that are no values.
+    /// Numbers that are codes, not values.
     #[serde(default)]
     codes: Vec<CodeKeys>,
 }
@@ -36,7 +36,7 @@ struct CodeKeys {
     means: Means,
 }
 
-/// `[sensor.….counter]`: one more with each sample, and round again.
+/// Keys of `[sensor.….counter]`: the counter increases by one with each sample, and wraps around.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CounterKeys {
@@ -47,7 +47,7 @@ pub struct CounterKeys {
     order: Option<Order>,
 }
 
-/// `[sensor.….encoder_count]`: the count of a rotary encoder at the sample.
+/// Keys of `[sensor.….encoder_count]`: the count of a rotary encoder at the sample.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EncoderCountKeys {
@@ -56,11 +56,12 @@ pub struct EncoderCountKeys {
     bit: u16,
     width: u16,
     order: Option<Order>,
-    /// Absent: as many as its bits hold.
+    /// Number of counts after which the count restarts; if absent, the capacity of its bits.
     round: Option<u64>,
 }
 
-/// `[[sensor.….status]]`: bits that say something, if they hold `is` (absent: anything but zero).
+/// Keys of `[[sensor.….status]]`: bits with a meaning that applies if they hold `is` (absent: any number
+/// but zero).
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct StatusKeys {
@@ -81,11 +82,11 @@ fn one() -> u16 {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Means {
-    /// Nothing comes back from a surface.
+    /// No echo comes back from a surface.
     NoEcho,
     Range,
     Saturated,
-    /// The value is one that came before.
+    /// The value is an earlier one.
     Stale,
 }
 
@@ -127,7 +128,7 @@ impl Means {
     }
 }
 
-/// A layout that was found sound.
+/// A frame layout that has passed the checks.
 #[derive(Debug, Clone)]
 pub struct Layout {
     value: Field,
@@ -135,25 +136,25 @@ pub struct Layout {
     offset_mm: f64,
     codes: Vec<(i128, Flag)>,
     counter: Option<Field>,
-    /// With the number of different counts.
+    /// Field of the encoder's count, and number of different counts.
     encoder: Option<(Field, u64)>,
     status: Vec<(Field, Option<i128>, Flag)>,
-    /// Bytes that a frame must have.
+    /// Number of bytes that a frame must have.
     needs: usize,
 }
 
-/// What a frame says.
+/// Decoded content of a sensor's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Decoded {
-    /// mm, or why there is none.
+    /// Value in mm, or the reason why there is none.
     pub value: Result<f64, Flag>,
     pub counter: Option<u64>,
-    /// Count of the rotary encoder, a remainder (`encoder.rs`).
+    /// Count of the rotary encoder, as a remainder (`encoder.rs`).
     pub encoder_count: Option<u32>,
 }
 
 impl Decoded {
-    /// A value beyond the sensor's range means nothing.
+    /// Replaces a value beyond the sensor's range by the flag `Range`.
     pub fn within(self, [least, greatest]: [f64; 2]) -> Self {
         let value = self.value.and_then(|mm| {
             if (least..=greatest).contains(&mm) { Ok(mm) } else { Err(Flag::Range) }
@@ -162,14 +163,15 @@ impl Decoded {
     }
 }
 
-/// Counters: far more than any sensor has.
+/// Maximum width of a counter, bits: far more than any sensor has.
 const WIDEST_COUNTER: u16 = 32;
 
 impl Layout {
-    /// Of frames of `length` bytes; `order` is for numbers that have none of their own.
+    /// Checks the layout of frames of `length` bytes; `order` applies to numbers without an order of their
+    /// own.
     ///
     /// # Errors
-    /// In words, with the keys.
+    /// The layout is invalid; the message names the keys.
     pub fn new(
         value: ValueKeys,
         counter: Option<CounterKeys>,
@@ -201,18 +203,18 @@ impl Layout {
         Ok(Self { value: place, scale_mm, offset_mm, codes, counter, encoder, status: says, needs })
     }
 
-    /// Bits of the counter, if it has one.
+    /// Width of the counter in bits, if the layout has one.
     pub fn counter_width(&self) -> Option<u16> {
         self.counter.map(|counter| counter.width)
     }
 
-    /// After how many counts the encoder's count begins anew, if a frame holds it.
+    /// Number of counts after which the encoder's count restarts, if a frame holds it.
     pub fn encoder_round(&self) -> Option<u64> {
         self.encoder.map(|(_, round)| round)
     }
 
     /// # Errors
-    /// A frame that is too short for it.
+    /// The frame is too short for the layout.
     pub fn decode(&self, frame: &[u8]) -> Result<Decoded, Short> {
         let short = Short { needs: self.needs, came: frame.len() };
         let number = self.value.of(frame).ok_or(short)?;
@@ -252,7 +254,7 @@ fn encoder_field(keys: &EncoderCountKeys, order: Option<Order>) -> Result<(Field
     Ok((field, encoder::round(keys.round, field.width)?))
 }
 
-/// Where each of `status` is, what it holds, and what that means.
+/// Returns field, number and meaning of each `status`.
 fn status_words(
     status: &[StatusKeys],
     order: Option<Order>,
@@ -261,7 +263,7 @@ fn status_words(
     for (name, keys) in status_names().zip(status) {
         let field = placed(&name, keys.place(), keys.order.or(order))?;
         let is = keys.is.map(|is| possible(&name, is, field)).transpose()?;
-        // Several words may stand in the same bits, each with a number of its own.
+        // Several entries may use the same bits, each with its own number.
         let same = says.iter().position(|(other, said, _)| {
             *other == field && said.is_none_or(|said| Some(said) == is)
         });
@@ -309,13 +311,14 @@ fn placed(name: &str, place: Field, order: Option<Order>) -> Result<Field, Strin
     place.check(name)?;
     match order {
         Some(order) => Ok(Field { order, ..place }),
-        // Within one byte both are the same.
+        // Within one byte both orders are the same.
         None if place.bit + place.width <= 8 => Ok(place),
         None => Err(format!("`{name}` needs an `order`: `little` or `big`")),
     }
 }
 
-/// No bit twice and none beyond `length`; the bytes that are needed.
+/// Checks that no bit is used twice and none is beyond `length`; returns the number of bytes that are
+/// needed.
 fn apart(named: impl Iterator<Item = (String, Field)>, length: usize) -> Result<usize, String> {
     let mut taken = BTreeMap::new();
     let mut needs = 0;

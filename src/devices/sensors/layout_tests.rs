@@ -1,4 +1,4 @@
-//! Layouts as they stand in a file, frames written by hand.
+//! Layouts as they are written in a file, with frames written by hand.
 
 use serde::Deserialize;
 
@@ -68,11 +68,11 @@ fn sample(value_mm: Option<f64>, flag: Flag, missing: u32) -> Sample {
 fn frames_written_by_hand_are_read() {
     let mut follower = Follower::new(layout(WHOLE).unwrap());
     let mut read = |frame: &[u8]| follower.sample(1.0, frame).unwrap();
-    // The most negative of 24 bits: -8388608 counts of 10 nm.
+    // The most negative number of 24 bits: -8388608 counts of 10 nm.
     assert_eq!(read(&[0, 0, 0x80, 7, 0]), sample(Some(-83.88608), Flag::None, 0));
     assert_eq!(read(&[0xFE, 0xFF, 0x7F, 8, 0]), sample(Some(83.88606), Flag::None, 0));
     assert_eq!(read(&[0xFF, 0xFF, 0xFF, 9, 0]), sample(Some(-1e-5), Flag::None, 0));
-    // The code that says that there is no value, though it could be one.
+    // The code for a missing value; the same number could also be a value.
     assert_eq!(read(&[0xFF, 0xFF, 0x7F, 10, 0]), sample(None, Flag::Range, 0));
     assert_eq!(read(&[0, 0, 0, 11, 1]), sample(None, Flag::Range, 0));
     assert_eq!(read(&[0, 0, 0, 12, 0x90]), sample(None, Flag::Saturated, 0));
@@ -159,7 +159,7 @@ fn what_cannot_be_is_refused_with_its_key() {
     layout("value = { byte = 0, width = 8, scale_mm = 1.0 }").unwrap();
 }
 
-/// 24 bits in both orders, and an encoder of one turn that has fewer counts than its bits hold.
+/// 24 bits in both orders, and an encoder of one turn with fewer counts than its bits can hold.
 #[test]
 fn the_count_of_an_encoder_is_read_beside_the_value() {
     let read = |encoder: &str, frame: &[u8]| {

@@ -1,8 +1,9 @@
-//! The seam to displacement sensors, and the thermometers beside them. A driver delivers one sample after the other, as they
-//! come; its task owns the link, and no future of it is ever dropped half-way.
+//! Interface to displacement sensors, and to the thermometers used with them. A driver delivers samples one
+//! after the other, as they arrive. Its task owns the link, and none of its futures is dropped before it
+//! completes.
 //!
-//! A sample that cannot be trusted is flagged and has no value: nothing is interpolated, and nothing
-//! is zero that was not measured as zero.
+//! A sample that cannot be trusted is flagged and has no value: nothing is interpolated, and a missing
+//! value is never reported as zero.
 
 use std::fmt;
 use std::future::Future;
@@ -36,20 +37,22 @@ pub use error::SensorError;
 pub use port::Port;
 pub use tally::Tally;
 
-/// A sensor as one of the tables of `[[sensor]]` names it. What stands there is its room's own matter.
+/// Configuration of a sensor, from one of the tables of `[[sensor]]`. Each kind of sensor defines the keys
+/// of its own table.
 pub trait Named: fmt::Debug + Send + Sync {
-    /// Where it is reached, in words.
+    /// Address of the sensor, in words.
     fn at(&self) -> String;
-    /// The port that other sensors may share with it.
+    /// Port that the sensor may share with other sensors.
     fn port(&self) -> Option<Port> {
         None
     }
-    /// After how many counts the rotary encoder's count of a sample begins anew; `None`: its samples carry none.
+    /// Number of counts after which the rotary encoder's count restarts; `None` if the samples have no such
+    /// count.
     fn encoder_round(&self) -> Option<u64> {
         None
     }
-    /// Open its link, or share one of `ports`, and start its task. Its samples have the time of `clock`. Call
-    /// inside a tokio runtime.
+    /// Opens the sensor's link, or shares one of `ports`, and starts its task. Its samples have the time of
+    /// `clock`. Call inside a tokio runtime.
     fn open<'a>(
         &'a self,
         sensor: &'a sensor::Sensor,
@@ -60,56 +63,57 @@ pub trait Named: fmt::Debug + Send + Sync {
 
 pub type Opening<'a> = Pin<Box<dyn Future<Output = Result<Sensor, SensorError>> + Send + 'a>>;
 
-/// One sample.
+/// One sample of a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
-    /// Monotonic time at which it was received, s: the kernel's stamp where there is one.
+    /// Monotonic time of reception, s: the kernel's timestamp if there is one.
     pub t_s: f64,
-    /// Distance from the sensor's zero point; `None` where `flag` says that it means nothing.
+    /// Distance from the sensor's zero point, mm; `None` if `flag` marks the sample as invalid.
     pub value_mm: Option<f64>,
-    /// `Range`: out of range or no echo; `Saturated`; `Stale`: it did not come, or is one that came
-    /// before; `Gap`: good, but the sensor's counter says that samples before it are missing.
+    /// `Range`: out of range or no echo; `Saturated`; `Stale`: no sample came, or an old one; `Gap`: valid,
+    /// but samples before it are missing.
     pub flag: Flag,
-    /// Samples that are missing before this one, as the sensor's counter says.
+    /// Number of samples missing before this one, by the sensor's counter.
     pub missing: u32,
-    /// Count of the rotary encoder at this sample, where the sensor sends it; less than
+    /// Count of the rotary encoder at this sample, if the sensor sends it; less than
     /// [`Named::encoder_round`].
     pub encoder_count: Option<u32>,
 }
 
 impl Sample {
-    /// No new value.
+    /// A sample without a new value.
     pub(crate) fn stale(t_s: f64) -> Self {
         Self { t_s, value_mm: None, flag: Flag::Stale, missing: 0, encoder_count: None }
     }
 }
 
-/// What a sensor says of itself.
+/// Properties of a sensor that is ready.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prepared {
-    /// What is known of it, for the record.
+    /// Description of the sensor, for the record.
     pub identity: String,
-    /// Samples a second, as they came.
+    /// Measured rate of the samples, Hz.
     pub rate_hz: f64,
 }
 
-/// What each sensor implements. One call at a time, each runs to its end.
+/// Interface that each sensor implements. One call at a time; each call runs to its end.
 pub trait Driver: Send + 'static {
-    /// Open, see that it lives and that what it says makes sense.
+    /// Opens the link, and checks that the sensor is working and that its data make sense.
     fn prepare(&mut self) -> impl Future<Output = Result<Prepared, SensorError>> + Send;
-    /// Forget what came before now and was not taken.
+    /// Discards samples that came before now and were not read.
     fn forget(&mut self) -> impl Future<Output = Result<(), SensorError>> + Send;
-    /// The next sample. Silence is a sample as well: after the sensor's time-out it is `Stale`.
+    /// Returns the next sample. Silence gives a sample too: after the sensor's timeout it is `Stale`.
     fn next(&mut self) -> impl Future<Output = Result<Sample, SensorError>> + Send;
-    /// It says nothing unless it is asked: there is nothing to watch while the machine moves.
+    /// Whether the sensor sends only on request: then it cannot be watched while the machine moves.
     fn on_demand(&self) -> bool;
-    /// So many samples at least came while nobody listened, as its counter says; 0 without one.
+    /// Minimum number of samples that came without being requested, by the sensor's counter; 0 without a
+    /// counter.
     fn passed_over(&self) -> u64 {
         0
     }
 }
 
-/// Who says nothing so often in a row says nothing.
+/// Number of consecutive silences after which a sensor counts as silent.
 const MOST_SILENT: u32 = 3;
 
 type Good = Box<dyn Fn(&Sample) -> bool + Send>;
@@ -125,31 +129,31 @@ enum Request {
     Tally(oneshot::Sender<Result<Tally, SensorError>>),
 }
 
-/// The handle that a run holds: messages to the driver's task.
+/// Handle that a run holds: sends messages to the driver's task.
 pub struct Sensor {
     name: String,
     requests: mpsc::Sender<Request>,
 }
 
 impl Sensor {
-    /// Start the task that owns `driver`. Call inside a tokio runtime.
+    /// Starts the task that owns `driver`. Call inside a tokio runtime.
     pub fn spawn(name: impl Into<String>, driver: impl Driver) -> Self {
         let (requests, inbox) = mpsc::channel(1);
         tokio::spawn(serve(driver, inbox));
         Self { name: name.into(), requests }
     }
 
-    /// A capture in its place. Call inside a tokio runtime.
+    /// Creates a sensor that replays a capture. Call inside a tokio runtime.
     pub fn replayed(name: impl Into<String>, talk: Talk) -> Self {
         let (requests, inbox) = mpsc::channel(1);
         tokio::spawn(told::replay(talk, inbox));
         Self { name: name.into(), requests }
     }
 
-    /// From now on what it is asked and says goes into a capture.
+    /// Starts to record all requests and answers in a capture.
     ///
     /// # Errors
-    /// Its task has ended.
+    /// The sensor's task has ended.
     pub async fn captured(self, talk: Talk) -> Result<Self, SensorError> {
         self.requests.send(Request::Captured(talk)).await.map_err(|_| SensorError::Gone)?;
         Ok(self)
@@ -163,14 +167,14 @@ impl Sensor {
         self.ask(Request::Prepare).await
     }
 
-    /// The next `count` samples, none from before this call; fewer of a sensor that falls silent.
+    /// Returns the next `count` samples, none from before this call; fewer if the sensor falls silent.
     pub async fn take(&self, count: u32) -> Result<Vec<Sample>, SensorError> {
         self.ask(|answer| Request::Take(count, answer)).await
     }
 
-    /// Until [`Sensor::rest`]: the first sample that is not `good` has `act` called, at once and from
-    /// the sensor's task. `act` must not block. A sensor that speaks on demand alone is not watched.
-    /// Returns when the watch stands: whatever comes from now on is seen.
+    /// Watches the samples until [`Sensor::rest`]: at the first sample that is not `good`, `act` is called,
+    /// at once and from the sensor's task. `act` must not block. A sensor that sends only on request is not
+    /// watched. Returns when the watch has started: every later sample is checked.
     pub async fn watch(
         &self,
         good: impl Fn(&Sample) -> bool + Send + 'static,
@@ -179,17 +183,17 @@ impl Sensor {
         self.ask(|stands| Request::Watch(Box::new(good), Box::new(act), stands)).await
     }
 
-    /// End the watch; the sample that was not good, if there was one.
+    /// Ends the watch; returns the sample that was not good, if there was one.
     pub async fn rest(&self) -> Result<Option<Sample>, SensorError> {
         self.ask(Request::Rest).await
     }
 
-    /// The next sample, for display only: neither captured nor counted. A replay has none.
+    /// Returns the next sample, for display only: it is neither captured nor counted. A replay has none.
     pub async fn current(&self) -> Result<Sample, SensorError> {
         self.ask(Request::Current).await
     }
 
-    /// What came up to now.
+    /// Returns the counts of samples up to now.
     pub async fn tally(&self) -> Result<Tally, SensorError> {
         self.ask(Request::Tally).await
     }
@@ -204,7 +208,7 @@ impl Sensor {
     }
 }
 
-/// The driver's task: requests one after the other until the handle is dropped.
+/// Task of the driver: handles requests one after the other until the handle is dropped.
 async fn serve(mut driver: impl Driver, mut inbox: mpsc::Receiver<Request>) {
     let (mut seen, mut talk, mut tally) = (Ok(None), Talk::plain(), Tally::default());
     while let Some(request) = inbox.recv().await {
@@ -261,7 +265,7 @@ async fn current(driver: &mut impl Driver) -> Result<Sample, SensorError> {
     driver.next().await
 }
 
-/// From now on; `false`: it says nothing unless it is asked.
+/// Discards earlier samples; returns `false` if the sensor sends only on request.
 async fn listen(driver: &mut impl Driver) -> Result<bool, SensorError> {
     if driver.on_demand() {
         return Ok(false);
@@ -269,7 +273,7 @@ async fn listen(driver: &mut impl Driver) -> Result<bool, SensorError> {
     driver.forget().await.map(|()| true)
 }
 
-/// Until somebody asks for something else.
+/// Watches the samples until the next request.
 async fn watch(
     driver: &mut impl Driver,
     inbox: &mpsc::Receiver<Request>,
@@ -283,7 +287,7 @@ async fn watch(
             act();
         }
         tally.count(&sample);
-        // No disk stands between the sample and the hold.
+        // The capture is written after the hold, so that no disk access delays the hold.
         talk.said(&told::sample(&sample));
         if !good {
             return Ok(Some(sample));

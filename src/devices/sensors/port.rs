@@ -1,16 +1,17 @@
-//! A port that several sensors name: which keys they must have alike.
+//! Port that several sensors name, and the keys that must be equal for them.
 
 /// A serial port or a converter, as one sensor's table states it.
 #[derive(Debug)]
 pub struct Port {
-    /// As the table names it.
+    /// Name of the port, as in the table.
     pub name: String,
-    /// What must be the same for all sensors of the port: key and value, the kind of table first.
+    /// Keys and values that must be the same for all sensors of the port, the kind of table first.
     pub keys: Vec<(&'static str, String)>,
 }
 
 impl Port {
-    /// How it differs from that of the sensor `owner`, in words; `None`: it is another port, or both can share it.
+    /// Describes how this port differs from that of the sensor `owner`; `None` if it is another port, or if
+    /// both can share it.
     pub fn conflict(&self, owner: &str, other: &Self) -> Option<String> {
         if self.name != other.name {
             return None;

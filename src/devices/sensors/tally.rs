@@ -1,20 +1,20 @@
-//! How much came from a sensor, and how much did not.
+//! Counts of the samples that came from a sensor, and of those that did not.
 
 use std::fmt;
 
 use super::Sample;
 use machine::record::reading::Flag;
 
-/// Of all that its task has been asked for.
+/// Counts over all requests to the sensor's task.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Tally {
-    /// Samples that somebody waited for, and got.
+    /// Number of samples that were requested and received.
     pub came: u64,
-    /// Between them, as the sensor's counter says.
+    /// Number of samples missing between them, by the sensor's counter.
     pub missing: u64,
-    /// Times at which none came within the sensor's time-out.
+    /// Number of times that no sample came within the sensor's timeout.
     pub silences: u64,
-    /// So many at least came while nobody listened, as the counter says.
+    /// Minimum number of samples that came without being requested, by the counter.
     pub passed_over: u64,
 }
 

@@ -1,4 +1,4 @@
-//! The handle: what is watched, and what a silent sensor is.
+//! Tests of the handle: the watch, and silent sensors.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use super::{Driver, Prepared, Sample, Sensor, SensorError};
 use machine::record::reading::Flag;
 
-/// Says what it is given, then nothing but silence; `broken`: then its link is lost.
+/// Sends the given flags, then is silent; if `broken`, its link is lost then.
 struct Script {
     flags: VecDeque<Flag>,
     broken: bool,
@@ -40,7 +40,7 @@ fn sensor(flags: &[Flag], broken: bool) -> Sensor {
     Sensor::spawn("script", Script { flags: flags.iter().copied().collect(), broken })
 }
 
-/// How often the machine was held within a while, and what the watch ended with.
+/// Number of holds within a while, and the result of the watch.
 async fn held(sensor: &Sensor, holds: bool) -> (u32, Result<Option<Sample>, SensorError>) {
     let held = Arc::new(AtomicU32::new(0));
     let count = held.clone();
@@ -54,7 +54,7 @@ async fn held(sensor: &Sensor, holds: bool) -> (u32, Result<Option<Sample>, Sens
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
     };
-    // Whether it is at all; and then, whether it is once more.
+    // Waits for the first hold, if one is expected; then whether there is a second one.
     let _ = tokio::time::timeout(Duration::from_secs(if holds { 30 } else { 0 }), until_held).await;
     tokio::time::sleep(Duration::from_millis(50)).await;
     let ended = sensor.rest().await;
@@ -95,7 +95,7 @@ async fn silence_is_not_waited_for_again_and_again() {
     assert_eq!(flags, [None, Stale, None, Stale, Stale, Stale]);
 }
 
-/// What failed there is said, and that it is the sensor's: nobody need look at the control for it.
+/// The remedy names the fault and the sensor, so that the operator does not search at the control.
 #[test]
 fn a_sensors_link_has_remedies_of_its_own() {
     use link::LinkError;

@@ -1,5 +1,5 @@
-//! What a sensor is asked and what it says, as lines of a capture; and a capture in the place of a
-//! sensor.
+//! Format of a capture: requests to a sensor and its answers, as lines; and the replay of a capture in
+//! place of a sensor.
 //!
 //! ```text
 //! > take 2
@@ -7,8 +7,8 @@
 //! < 12.0320519 - range 1
 //! ```
 //!
-//! Of a sample: its time, s; its distance, mm; its flag; how many are missing before it; the encoder's count, where
-//! it has one.
+//! Columns of a sample: time, s; distance, mm; flag; number of samples missing before it; the encoder's
+//! count, if the sample has one.
 
 use tokio::sync::mpsc;
 
@@ -28,7 +28,7 @@ pub fn prepared(Prepared { identity, rate_hz }: &Prepared) -> String {
     format!("{rate_hz} {}", identity.replace('\n', " "))
 }
 
-/// Numbers are written so that they come back to the last bit.
+/// Numbers are written with full precision: reading them gives the same bits.
 pub fn sample(Sample { t_s, value_mm, flag, missing, encoder_count }: &Sample) -> String {
     let value = value_mm.map_or(NONE.to_owned(), |mm| mm.to_string());
     let flag = Some(flag.as_str()).filter(|flag| !flag.is_empty()).unwrap_or(NONE);
@@ -59,7 +59,7 @@ fn read_sample(line: &str) -> Option<Sample> {
     })
 }
 
-/// A capture answers, until the handle is dropped.
+/// Answers requests from a capture, until the handle is dropped.
 pub async fn replay(talk: Talk, mut inbox: mpsc::Receiver<Request>) {
     let mut seen = Ok(None);
     while let Some(request) = inbox.recv().await {
@@ -82,7 +82,7 @@ pub async fn replay(talk: Talk, mut inbox: mpsc::Receiver<Request>) {
                     act();
                 }
             }
-            // What came then is not told by it.
+            // A capture has no counts.
             Request::Tally(answer) => drop(answer.send(Ok(Tally::default()))),
             Request::Current(answer) => drop(answer.send(Err(ended()))),
             Request::Rest(answer) => drop(answer.send(std::mem::replace(&mut seen, Ok(None)))),
@@ -90,7 +90,7 @@ pub async fn replay(talk: Talk, mut inbox: mpsc::Receiver<Request>) {
     }
 }
 
-/// The first that was not good.
+/// Returns the first sample of the watch that was not good.
 fn watched(talk: &Talk, good: &Good) -> Result<Option<Sample>, SensorError> {
     Ok(lines(talk, WATCH, read_sample)?.into_iter().find(|sample| !good(sample)))
 }

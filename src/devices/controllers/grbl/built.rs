@@ -1,16 +1,16 @@
-//! How a control is built, as `$I` tells it.
+//! Version and axes of a control, as `$I` reports them.
 
 use super::driver::Grbl;
 use super::message::Message;
 use crate::controllers::ControllerError;
 use machine::Axis;
 
-/// How the control is built.
+/// Version and axes of a control.
 pub(super) struct Built {
-    /// Grbl for three axes, before grblHAL.
+    /// Whether the control is classic Grbl, the version for three axes before grblHAL.
     pub classic: bool,
     pub version: String,
-    /// Its axis words in the order of its reports.
+    /// Axis letters in the order of the control's reports.
     pub letters: String,
 }
 
@@ -19,7 +19,7 @@ impl Built {
         format!("Grbl {}, axes {}", self.version, self.letters)
     }
 
-    /// The axes that have a name here, each with its place in the control's reports.
+    /// Axes that have a name in `trued`, each with its index in the control's reports.
     pub fn axes(&self) -> Vec<(Axis, u16)> {
         let letters = self.letters.chars().zip(0_u16..);
         letters
@@ -29,9 +29,9 @@ impl Built {
 }
 
 impl Grbl {
-    /// Who is there; axes and buffer from `$I`.
+    /// Reads version, axes and buffer size by `$I`.
     pub(super) async fn built(&mut self) -> Result<Built, ControllerError> {
-        // Classic Grbl says nothing of its axes: it has these.
+        // Classic Grbl does not report its axes: it has X, Y and Z.
         let mut built = Built {
             classic: true,
             version: "unknown version".to_owned(),

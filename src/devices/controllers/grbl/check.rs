@@ -1,12 +1,12 @@
-//! Grbl's lines carry no check sum. What the control says is therefore compared with what it was
-//! told, and what matters is heard twice.
+//! Compares the control's reports with the commands that it was sent, and reads important values twice:
+//! Grbl's lines carry no checksum.
 
 use super::message::{Message, Status};
 use crate::controllers::ControllerError;
 pub(super) use crate::controllers::arrival::{astray, off_the_way, tolerance};
 use planning::proof::ProvenModes;
 
-/// Groups of modal words, one of each in force.
+/// Modal groups; one word of each group is in force.
 const GROUPS: [&[&str]; 5] = [
     &["G17", "G18", "G19"],
     &["G20", "G21"],
@@ -15,12 +15,12 @@ const GROUPS: [&[&str]; 5] = [
     &["G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3"],
 ];
 
-/// Before anything moves.
+/// Checks that the probe is open before the first motion.
 pub(super) fn probe_open(status: &Status) -> Result<(), ControllerError> {
     if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
 }
 
-/// The inputs that the machine file declares, by their letters.
+/// Checks the probe's health inputs that the machine file declares, by their letters.
 pub(super) fn probe_health(status: &Status, modes: &ProvenModes) -> Result<(), ControllerError> {
     let mut inputs = modes.health_inputs();
     match inputs.find(|(input, _)| status.pins.contains(input)) {
@@ -29,7 +29,7 @@ pub(super) fn probe_health(status: &Status, modes: &ProvenModes) -> Result<(), C
     }
 }
 
-/// What `head` says of each group must be in force (`$G`), and the offsets in use zero (`$#`).
+/// Checks that the modal words of `head` are in force (`$G`) and that the active offsets are zero (`$#`).
 pub(super) fn modes(
     head: &[String],
     modes: &[Message],

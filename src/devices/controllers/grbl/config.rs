@@ -1,4 +1,4 @@
-//! `[controller]` of kind `grbl`.
+//! Keys of `[controller]` of kind `grbl`.
 
 use std::path::PathBuf;
 use std::sync::Arc;

@@ -1,4 +1,4 @@
-//! Why no Grbl answers: the port, its speed, or another control there.
+//! Finds out why no Grbl answers: the port, its baud rate, or another control at the port.
 
 use super::{Config, KIND};
 use crate::controllers::{ControllerError, Leave, Suspicion, port, stranger};
@@ -41,7 +41,7 @@ impl Config {
     }
 }
 
-/// What came of the talk that failed, where nobody made sense.
+/// Describes what the failed attempt has received; `None` if the error does not concern the answers.
 fn heard(failed: &ControllerError) -> Option<String> {
     match failed {
         ControllerError::NoAnswer { .. } => Some("nothing came".to_owned()),
@@ -52,7 +52,7 @@ fn heard(failed: &ControllerError) -> Option<String> {
     }
 }
 
-/// What may be said without asking further.
+/// Suspected causes that need no further request to the device.
 fn from_far(address: &Address, heard: &str) -> Vec<Suspicion> {
     let (what, remedy) = match address {
         Address::Serial { baud, .. } => (

@@ -1,4 +1,4 @@
-//! The driver: blocks in, outcomes out.
+//! Driver: executes proven blocks and returns their outcomes.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -19,25 +19,25 @@ use machine::record::motion::{Motion, Outcome};
 use machine::{Axis, Position};
 use planning::proof::{ProvenBlock, ProvenModes};
 
-/// A spindle may take this long to find its orientation.
+/// Maximum time that the spindle needs to reach its orientation.
 const ORIENT: Duration = Duration::from_secs(30);
 
-/// The driver of one control.
+/// Driver of one Grbl control.
 pub struct Grbl {
     pub(super) wire: Wire,
     pub(super) modes: ProvenModes,
-    /// Axes that the machine file names, without the spindle.
+    /// Axes of the machine file, without the spindle.
     pub(super) wanted: Vec<Axis>,
-    /// Those of `wanted` that the control must have homed.
+    /// Axes of `wanted` that the control must have homed.
     pub(super) homed_axes: Vec<Axis>,
-    /// How far from its target each may stand, mm or rad.
+    /// Largest permitted distance of each axis from its target, mm or rad.
     pub(super) tolerance: BTreeMap<Axis, f64>,
-    /// Where the machine last stood still.
+    /// Last position of the machine at a standstill.
     pub(super) stood: Position,
-    /// Prepared, and no fault since.
+    /// Whether the control is prepared and no fault has occurred since.
     pub(super) ready: bool,
     pub(super) stop: String,
-    /// Axis words in the order of the control's reports; `None` for one that has no name here.
+    /// Axes in the order of the control's reports; `None` for an axis letter without a name in `trued`.
     pub(super) axes: Vec<Option<Axis>>,
     pub(super) line_limit: usize,
     pub(super) found: Vec<String>,
@@ -46,8 +46,8 @@ pub struct Grbl {
 }
 
 impl Grbl {
-    /// A driver for `machine` behind `link` that sets `modes`, and the halt that holds it.
-    /// After a halt the link takes no line any more: a new run opens a new one.
+    /// Creates a driver for `machine` on `link` that sets `modes`, and the halt that holds the machine.
+    /// After a halt the link accepts no more lines: a new run opens a new link.
     pub fn new(link: Link, machine: &Machine, modes: ProvenModes) -> (Self, Halt) {
         let (wire, halt) = Wire::new(link);
         let wanted: Vec<Axis> =
@@ -77,13 +77,13 @@ impl Grbl {
         (grbl, halt)
     }
 
-    /// Wait otherwise than by default.
+    /// Replaces the default timeouts.
     pub fn with_patience(mut self, patience: Patience) -> Self {
         self.wire.patience = patience;
         self
     }
 
-    /// Send the lines of one motion; what was said while they ran.
+    /// Sends the lines of one motion and returns the messages received meanwhile.
     pub(super) async fn send(
         &mut self,
         lines: &Lines<'_>,
@@ -96,7 +96,8 @@ impl Grbl {
         Ok(said)
     }
 
-    /// `seen`: how the machine stood after the motion before, if that was asked. The same of this one.
+    /// Executes one motion. `seen` is the status after the previous motion, if it was read. Returns the
+    /// status after this motion, if it was read.
     async fn act(
         &mut self,
         lines: &Lines<'_>,
@@ -137,7 +138,7 @@ impl Grbl {
         }
     }
 
-    /// How the machine stands, asked unless it was `seen` since it last moved.
+    /// Status at a standstill; read from the control unless `seen` was read after the last motion.
     async fn rests(&mut self, seen: Option<Status>) -> Result<Status, ControllerError> {
         match seen {
             Some(status) => Ok(status),
@@ -145,8 +146,9 @@ impl Grbl {
         }
     }
 
-    /// A move that should meet nothing, at rapid or at feed (a turn before the position is confirmed). The
-    /// control does not stop it on a contact: the status reports show one, and the driver holds.
+    /// Executes a move that should touch nothing, at rapid or at feed (a turn before the position is
+    /// confirmed). The control does not stop the move on a contact: the status reports show the contact,
+    /// and the driver holds.
     async fn free_move(
         &mut self,
         lines: &Lines<'_>,
@@ -194,7 +196,7 @@ impl Grbl {
         Ok(outcome)
     }
 
-    /// The motions of a block in their order; what they found, and the status at their end.
+    /// Executes the motions of a block in order; returns their results and the status at the end.
     async fn motions(&mut self, lines: &[Lines<'_>]) -> Result<(Outcome, Status), ControllerError> {
         let (mut outcome, mut seen) = (Outcome::default(), None);
         for lines in lines {
@@ -204,8 +206,8 @@ impl Grbl {
         Ok((outcome, status))
     }
 
-    /// Before a block moves: overrides at 100 %, no fault of the probe, probe open, the machine where the
-    /// block begins.
+    /// Checks before a block moves: overrides at 100 %, no fault of the probe, probe open, machine at the
+    /// start of the block.
     async fn begin(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let status = self.wire.status().await?;
         self.speed_as_planned()?;
@@ -221,8 +223,8 @@ impl Grbl {
         astray.map_or(Ok(()), |error| Err(arrival::moved_by_hand(error)))
     }
 
-    /// After any fault nothing is sent until `prepare`. Where it is not certain that the machine
-    /// stands, it is held; then only a new link takes lines again.
+    /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
+    /// the driver holds it; after that only a new link accepts lines.
     fn failed(&mut self, error: ControllerError) -> ControllerError {
         self.ready = false;
         if !stands_after(&error) {
@@ -263,7 +265,7 @@ impl Driver for Grbl {
 
     async fn look(&mut self) -> Result<Look, ControllerError> {
         if self.axes.is_empty() {
-            // Not prepared yet: positions have no names.
+            // Before `prepare` the axes of the reported values are unknown.
             self.wire.wake().await?;
             self.identify().await?;
         }
@@ -278,7 +280,7 @@ impl Driver for Grbl {
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {
-        // A blank line ends a latched error.
+        // A blank line clears a latched error.
         self.wire.ask("").await?;
         let foot = self.modes.foot().to_vec();
         self.set_modes(&foot).await?;
@@ -290,7 +292,7 @@ impl Driver for Grbl {
     }
 }
 
-/// How long a motion may take while the control reports idle.
+/// Maximum time of a motion during which the control reports idle.
 fn standstill(motion: &Motion) -> Duration {
     match motion {
         Motion::Dwell { seconds } => Duration::try_from_secs_f64(*seconds).unwrap_or_default(),

@@ -1,4 +1,4 @@
-//! From what the control says, or does not say, to the error that the person is told.
+//! Converts a control's messages, or its silence, to errors for the operator.
 
 use std::time::Duration;
 
@@ -17,7 +17,7 @@ pub(super) fn silent(line: &str, waited: Duration) -> ControllerError {
     ControllerError::NoAnswer { line: line.to_owned(), seconds: waited.as_secs_f64() }
 }
 
-/// Somebody or nobody is there, but no Grbl.
+/// Error if the answering device is not a Grbl control, or if nothing answers.
 pub(super) fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
     if noise {
         return ControllerError::Strange {
@@ -34,9 +34,9 @@ pub(super) fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -
     }
 }
 
-/// The control is there but will not move.
+/// Error for a control that answers but will not move in its present state.
 pub(super) fn not_ready(status: &Status) -> ControllerError {
-    // What is held would go on when it is released: only a reset forgets it.
+    // A held move continues when it is released: only a reset discards it.
     let remedy = match status.state.as_str() {
         "Alarm" => {
             "look at the machine, unlock it ($X) and home it at the control; without homing switches jog each \
@@ -79,7 +79,8 @@ pub(super) fn out_of_step(heard: &Message) -> ControllerError {
     ControllerError::OutOfStep { heard }
 }
 
-/// Faults that the control itself reports at a standstill, and those for which a hold has gone out.
+/// Whether the machine is at rest after `error`: the control reports the fault at a standstill, or a hold
+/// was sent.
 pub(super) fn stands_after(error: &ControllerError) -> bool {
     use ControllerError as E;
     matches!(

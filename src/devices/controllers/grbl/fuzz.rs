@@ -1,4 +1,4 @@
-//! Whatever a control may say.
+//! Fuzz tests of the parser: arbitrary text from a control.
 
 use super::message::{Message, Status};
 use testing::fuzz::fuzz;
@@ -49,7 +49,7 @@ fn the_reply_parser_bears_anything() {
     });
 }
 
-/// Memory of a message; every number in it is one.
+/// Memory size of a message. Every number in the message must be finite.
 fn size(message: &Message) -> usize {
     let numbers = |values: &[f64]| {
         assert!(values.iter().all(|value| value.is_finite()), "{message:?}");

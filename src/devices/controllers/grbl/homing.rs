@@ -1,21 +1,21 @@
-//! How the control homes an axis, and where the travel of the axis lies then (grblHAL `motion_control.c`,
-//! `mc_homing_cycle`; `machine_limits.c`, `limits_set_work_envelope`).
+//! How the control homes an axis, and the ends of the axis' travel after homing (grblHAL
+//! `motion_control.c`, `mc_homing_cycle`; `machine_limits.c`, `limits_set_work_envelope`).
 
 use super::message::Message;
 use super::settings::{BY_HAND, HARD_LIMITS, HOMING, SIMULATED_ENDS, SWITCH_IS_ZERO, Settings};
 use machine::Axis;
 
-/// The axes of the homing cycles, one setting a cycle.
+/// Settings that list the axes of the homing cycles, one setting a cycle.
 const CYCLES: std::ops::Range<u16> = 44..50;
 
-/// What gives an axis its zero.
+/// What defines the zero of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum HomedBy {
     /// Homing is off.
     Off,
     /// A switch: the axis is in a homing cycle.
     Cycle,
-    /// `$H` takes the end at which the axis was put as its zero.
+    /// `$H` sets the zero at the end of travel to which the operator has moved the axis.
     Hand,
     /// The axis is in no homing cycle.
     Nothing,
@@ -23,7 +23,7 @@ pub(super) enum HomedBy {
     NotListed,
 }
 
-/// By the settings. `place`: of the axis in the reports.
+/// How the axis is homed, from the settings. `place` is the index of the axis in the reports.
 pub(super) fn homed_by(settings: &Settings, place: u16) -> HomedBy {
     let is_listed = CYCLES.into_iter().any(|cycle| settings.value(cycle).is_some());
     let in_cycle = CYCLES.into_iter().any(|cycle| settings.has(cycle, 1 << place));
@@ -36,7 +36,7 @@ pub(super) fn homed_by(settings: &Settings, place: u16) -> HomedBy {
     }
 }
 
-/// One bit for each axis that is homed, by `[HOME:..:mask]` of `$#`.
+/// Bit mask of the homed axes, from `[HOME:..:mask]` of `$#`.
 pub(super) fn homed_mask(offsets: &[Message]) -> u32 {
     let mask = offsets.iter().find_map(|message| match message {
         Message::Homed(mask) => Some(*mask),
@@ -45,8 +45,8 @@ pub(super) fn homed_mask(offsets: &[Message]) -> u32 {
     mask.unwrap_or(0)
 }
 
-/// Whether the control homes the axis; `None` where it does not tell. By hand `$H` homes all axes, and
-/// `$HX` one of them: an axis that was left out while others are homed has no homing.
+/// Whether the control homes the axis; `None` if the control does not report it. By hand, `$H` homes all
+/// axes and `$HX` one of them: an axis that is not homed while others are has no homing.
 pub(super) fn is_homed_axis(settings: &Settings, place: u16, homed_mask: u32) -> Option<bool> {
     let is_homed = homed_mask >> place & 1 == 1;
     match homed_by(settings, place) {
@@ -58,7 +58,7 @@ pub(super) fn is_homed_axis(settings: &Settings, place: u16, homed_mask: u32) ->
     }
 }
 
-/// Where the travel lies in machine coordinates, once the axis is homed: from 0 to one side.
+/// Ends of the travel in machine coordinates after homing: from 0 to one side.
 pub(super) fn travel_ends(
     settings: &Settings,
     (axis, place): (Axis, u16),
@@ -78,14 +78,14 @@ pub(super) fn travel_ends(
     if let [Some(min), Some(max)] = simulated {
         return Some((min, max));
     }
-    // With hard limits an axis of a homing cycle stays clear of its switch. One that may be in a cycle is
-    // taken as one.
+    // With hard limits an axis of a homing cycle keeps the pull-off distance from its switch. An axis that
+    // may be in a cycle counts as part of one.
     let has_switch = matches!(by, HomedBy::Cycle | HomedBy::NotListed);
     let clear = if has_switch && settings.has(21, HARD_LIMITS) { settings.value(27)? } else { 0.0 };
     Some(match (settings.has(22, SWITCH_IS_ZERO), settings.has(23, 1 << place)) {
         (true, true) => (0.0, travel - clear),
         (true, false) => (clear - travel, 0.0),
-        // Not the negated value: a file would show -0.0.
+        // Not the negated value: it would be written to a file as -0.0.
         (false, _) => (clear - travel, 0.0 - clear),
     })
 }

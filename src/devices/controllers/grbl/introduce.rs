@@ -1,4 +1,5 @@
-//! What it says of itself: `$I` and its settings, `$$`. Numbers and meanings are grblHAL's (`settings.h`).
+//! Identity and settings of a control: `$I` and `$$`. Setting numbers and meanings are those of grblHAL
+//! (`settings.h`).
 
 use super::built::Built;
 use super::driver::Grbl;
@@ -9,13 +10,13 @@ use super::settings::Settings;
 use crate::controllers::{AxisSays, ControllerError, Introduction};
 use machine::Axis;
 
-/// Reports print three decimals.
+/// Resolution of the reports, mm or degrees: they print three decimals.
 const SHOWN: f64 = 0.001;
 impl Grbl {
     pub(super) async fn say_who(&mut self) -> Result<Introduction, ControllerError> {
         if !self.ready {
             let status = self.wire.wake().await?;
-            // It refuses `$I` while it moves.
+            // The control refuses `$I` while it moves.
             if matches!(status.state.as_str(), "Run" | "Jog" | "Home") {
                 return Err(not_ready(&status));
             }
@@ -52,7 +53,7 @@ fn introduction(
     }
 }
 
-/// Classic Grbl does not say at which end its zero lies: that is compiled in.
+/// Properties of one axis. Classic Grbl does not report at which end its zero is: that is compiled in.
 fn axis_says(
     built: &Built,
     settings: &Settings,
@@ -66,7 +67,8 @@ fn axis_says(
     };
     let homes = match built.classic {
         true => None,
-        // By hand `$H` makes zero wherever the axis stands: the owner decides whether that is confirmed.
+        // By hand, `$H` sets the zero at the present position of the axis: the owner decides whether that
+        // is confirmed.
         false if !axis.is_linear() && homed_by(settings, place) == HomedBy::Hand => None,
         false => is_homed_axis(settings, place, homed_mask),
     };
@@ -106,7 +108,7 @@ mod tests {
 
     #[test]
     fn where_the_travel_lies_follows_from_homing() {
-        // As limits_set_work_envelope has it: all of the travel but what the pull-off takes.
+        // As in limits_set_work_envelope: the whole travel minus the pull-off distance.
         let said = says("XYZBC", false, FIVE);
         assert_eq!(ends(&said, Axis::X), (-300.0, -2.0));
         assert_eq!(ends(&said, Axis::Z), (-100.0, -2.0));
@@ -118,7 +120,7 @@ mod tests {
         assert_eq!(ends(&says("XYZBC", false, &no_switches_watched), Axis::X), (0.0, 302.0));
         assert_eq!(said.axes[&Axis::X].rapid_per_min, Some(3000.0));
         assert_eq!(said.axes[&Axis::X].acceleration_per_s2, Some(200.0));
-        // 1/800 mm, but three decimals are shown.
+        // 1/800 mm, coarser than the three decimals of the reports.
         assert_eq!(said.axes[&Axis::X].step, Some(0.00125));
         assert_eq!(said.axes[&Axis::B], AxisSays { homes: Some(false), ..AxisSays::default() });
         assert_eq!(said.axes[&Axis::X].homes, Some(true));
@@ -130,7 +132,7 @@ mod tests {
             let said = says("XYZBC", false, &lines);
             assert_eq!((said.axes[&Axis::X].min, said.axes[&Axis::X].travel), (None, Some(302.0)));
         }
-        // Grbl 1.1 of an Arduino, as people publish it.
+        // Settings of Grbl 1.1 on an Arduino, as users publish them.
         let said =
             says("XYZ", true, "$10=1\n$13=0\n$20=0\n$21=1\n$22=1\n$23=7\n$130=500.000 (x max)");
         assert_eq!((said.axes[&Axis::X].min, said.axes[&Axis::X].travel), (None, Some(500.0)));

@@ -1,62 +1,62 @@
-//! What a Grbl control says, line by line, and what its numbers mean (grblHAL `alarms.h` and
-//! `errors.h`, Grbl 1.1 interface).
+//! Lines of a Grbl control, and the meanings of its numbers (grblHAL `alarms.h` and `errors.h`, Grbl 1.1
+//! interface).
 
-/// One line from the control.
+/// One line that the control sends.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Message {
     Ok,
     Error(u32),
     Alarm(u32),
     Status(Status),
-    /// `[PRB:..:1]`: axis values in the order of the axis words; whether there was contact.
+    /// `[PRB:..:1]`: axis values in the order of the axis words, and whether there was contact.
     Touch {
         values: Vec<f64>,
         hit: bool,
     },
-    /// `[TIME:..]`, an extension of the simulated control: when the contact came.
+    /// `[TIME:..]`, an extension of the simulated control: time of the contact, s.
     Time(f64),
     Banner(String),
     Version(String),
-    /// `[OPT:flags,planner,rx,..]`: how long a line may be.
+    /// `[OPT:flags,planner,rx,..]`: maximum length of a line, bytes.
     Buffer(usize),
-    /// `[AXS:n:letters]`
+    /// `[AXS:n:letters]`: the axis letters.
     Axes(String),
-    /// `[G59:..]`, `[G92:..]`, `[TLO:..]`: a name of `$#` and its values.
+    /// `[G59:..]`, `[G92:..]`, `[TLO:..]`: name of an offset in `$#` and its values.
     Offset {
         name: String,
         values: Vec<f64>,
     },
-    /// `[HOME:..:mask]`: the axes that are homed, one bit each in the order of the axis words.
+    /// `[HOME:..:mask]`: the homed axes, one bit each in the order of the axis words.
     Homed(u32),
     /// `[GC:..]`: the modal words in force.
     Modes(Vec<String>),
-    /// `$n=..`, where it is a number.
+    /// `$n=..` with a numeric value.
     Setting(u16, f64),
     Other(String),
 }
 
-/// `<Idle|..>`; every field but the state may be masked by the user.
+/// Status report `<Idle|..>`; the user may mask every field but the state.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Status {
-    /// Without the substate: `Hold` for `Hold:0`.
+    /// State without the substate: `Hold` for `Hold:0`.
     pub state: String,
     pub substate: Option<String>,
     pub probe_closed: bool,
-    /// `Pn:`, the letters of all inputs that are on.
+    /// `Pn:`, the letters of all active inputs.
     pub pins: String,
     /// `MPos:`, machine position in the order of the axis words, mm and degrees.
     pub position: Option<Vec<f64>>,
-    /// `Ov:`, percent of the programmed feed and of the rapid speed. Most reports leave it out.
+    /// `Ov:`, percent of the programmed feed and of the rapid speed. Most reports omit the field.
     pub overrides: Option<Overrides>,
-    /// `MPG:1`: a pendant has the control; our lines are not executed as sent.
+    /// `MPG:1`: a pendant has the control; the lines of `trued` are not executed as sent.
     pub has_pendant: bool,
-    /// `FW:`, only in the answer of 0x87 (grblHAL `report.c`, compatibility level 0 or 1).
+    /// `FW:`, present only in the answer to 0x87 (grblHAL `report.c`, compatibility level 0 or 1).
     pub is_full: bool,
-    /// `Time:`, an extension of the simulated control.
+    /// `Time:`, an extension of the simulated control, s.
     pub t_s: Option<f64>,
 }
 
-/// Percent.
+/// Feed and rapid overrides, percent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Overrides {
     pub feed: f64,
@@ -80,7 +80,7 @@ impl Message {
         }
         if let Some((number, value)) = line.strip_prefix('$').and_then(|rest| rest.split_once('='))
         {
-            // Some are texts; older controls say in brackets what the number means.
+            // Some values are text; older controls append the meaning of the number in brackets.
             let value = value.split_whitespace().next()?;
             let value = value.parse().ok().filter(|value: &f64| value.is_finite())?;
             return Some(Self::Setting(number.parse().ok()?, value));
@@ -126,7 +126,7 @@ fn values(list: &str) -> Option<Vec<f64>> {
     values.ok().filter(|values| values.iter().all(|value| value.is_finite()))
 }
 
-/// A stamp that is no number would make a reading that cannot be kept.
+/// Rejects a timestamp that is not finite: the reading could not be stored.
 fn seconds(value: &str) -> Option<f64> {
     value.parse().ok().filter(|seconds: &f64| seconds.is_finite())
 }

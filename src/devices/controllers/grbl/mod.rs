@@ -1,12 +1,13 @@
-//! grblHAL with five axes, over serial, pty, TCP or in process. Classic Grbl has three axes and is
-//! refused where the machine has rotary ones.
+//! Driver of grblHAL with five axes, over serial, pty, TCP or in process. Classic Grbl has three axes and
+//! is refused if the machine has rotary axes.
 //!
-//! One line at a time: sent, answered, and every move ends only when the control reports idle at its
-//! target. A hold (`!`) closes the link for lines; nothing here resets, unlocks or resumes.
+//! The driver sends one line at a time and waits for its answer; a move ends only when the control reports
+//! idle at the target. A hold (`!`) closes the link for lines; the driver never resets, unlocks or resumes.
 //!
-//! Grbl's wire has no check sum. So an answer too many ends the job, a touch is asked for twice
-//! (`$#`) and must lie on the way, and the modes are read back before anything moves. What remains:
-//! an altered motion line is noticed *after* its motion. Use a wire that checks what it carries.
+//! Grbl's lines carry no checksum. Therefore a surplus answer ends the job, each touch is read a second
+//! time (`$#`) and must be on the path of the move, and the modes are read back before anything moves. One
+//! risk remains: an altered motion line is detected only *after* its motion. Use a link that checks its
+//! data.
 
 mod built;
 mod check;

@@ -1,4 +1,5 @@
-//! Before anything moves: who is there, whether it can measure, and that it is set as it should be.
+//! Checks before the first motion: the identity of the control, whether it can measure, and whether its
+//! modes are as set.
 
 use std::time::Duration;
 
@@ -13,14 +14,14 @@ use crate::controllers::{ControllerError, Prepared};
 use machine::Axis;
 use planning::gcode::Transmission;
 
-/// Modal words that are put back as they were found.
+/// Modal words that are restored after the measurement.
 const RESTORED: [&str; 16] = [
     "G54", "G55", "G56", "G57", "G58", "G59", "G59.1", "G59.2", "G59.3", "G17", "G18", "G19",
     "G20", "G21", "G90", "G91",
 ];
 
 impl Grbl {
-    /// `judge_probe`: whether the probe's input may read so.
+    /// `judge_probe` decides whether the state of the probe input is acceptable.
     pub(super) async fn set_up(
         &mut self,
         judge_probe: fn(&Status) -> Result<(), ControllerError>,
@@ -36,7 +37,7 @@ impl Grbl {
         if !self.modes.switches_probe_on() {
             judge_probe(&self.wire.idle().await?)?;
         }
-        // The head writes an offset and switches outputs: what hinders is refused before.
+        // The head writes an offset and switches outputs: a state that prevents a measurement is refused before.
         let (modes, offsets) = (self.wire.ask("$G").await?, self.wire.ask("$#").await?);
         refuse(readiness::of_modes(&modes))?;
         refuse(readiness::homed(&built, &settings, &axes, &self.homed_axes, &offsets))?;
@@ -76,7 +77,7 @@ impl Grbl {
         Ok(built)
     }
 
-    /// As they were before the first preparation.
+    /// Stores the modal words as they were before the first preparation.
     fn remember_modes(&mut self, modes: Vec<Message>) {
         if !self.found.is_empty() {
             return;
@@ -89,7 +90,7 @@ impl Grbl {
         }
     }
 
-    /// Send the lines of the head or the foot.
+    /// Sends the lines of the head or the foot.
     pub(super) async fn set_modes(&mut self, lines: &[String]) -> Result<(), ControllerError> {
         let still = self.modes.settles_s().unwrap_or_default();
         let still = Duration::try_from_secs_f64(still).unwrap_or_default();

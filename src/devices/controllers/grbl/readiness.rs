@@ -1,5 +1,6 @@
-//! What must hold of the control before its first motion. `check` reports the whole list, `prepare`
-//! refuses the first item that hinders. Numbers and meanings of the settings are grblHAL's (`settings.h`).
+//! Conditions that the control must meet before its first motion. `check` reports the whole list, `prepare`
+//! refuses the first item that prevents a measurement. Setting numbers and meanings are those of grblHAL
+//! (`settings.h`).
 
 use super::built::Built;
 use super::driver::Grbl;
@@ -10,7 +11,7 @@ use super::settings::{HOMING, Settings};
 use crate::controllers::{ControllerError, ReadinessItem, Remark};
 use machine::Axis;
 
-/// Bits of `$10`, and what they show in reports.
+/// Bits of `$10`, and the field that each bit adds to the reports.
 const REPORTED: [(u32, &str); 4] = [
     (1, "the machine position"),
     (1 << 4, "the probe"),
@@ -18,24 +19,25 @@ const REPORTED: [(u32, &str); 4] = [
     (1 << 6, "the overrides"),
 ];
 
-/// A pendant is reported; another client of the same control is not.
+/// Items that the control does not report. A pendant is reported; another client of the same control is
+/// not.
 const NOT_READABLE: [ReadinessItem; 3] =
     [ReadinessItem::Kinematics, ReadinessItem::OtherClients, ReadinessItem::Tool];
 
 pub(super) fn not_readable(built: &Built) -> Vec<ReadinessItem> {
-    // Classic Grbl is locked until it was homed or unlocked; it reports neither.
+    // Classic Grbl is locked until it is homed or unlocked; it reports neither.
     let homing = built.classic.then_some(ReadinessItem::Homing);
     NOT_READABLE.into_iter().chain(homing).collect()
 }
 
-/// Words of `$G` that stand for a state in which no stylus may move: how they begin, the state, the remedy.
+/// Words of `$G` for states in which no stylus may move: beginning of the word, state, remedy.
 const HINDERING_MODES: [(&str, &str, &str); 3] = [
     ("M3", "the spindle is on (M3)", "stop the spindle (M5): a stylus must not turn"),
     ("M4", "the spindle is on (M4)", "stop the spindle (M5): a stylus must not turn"),
     ("G51", "axes are scaled (G51)", "enter G50 at the control"),
 ];
 
-/// By the answer to `$G`.
+/// Remarks on the modal words in force, from the answer to `$G`.
 pub(super) fn of_modes(modes: &[Message]) -> Vec<Remark> {
     let words = modes.iter().find_map(|message| match message {
         Message::Modes(words) => Some(words.as_slice()),
@@ -49,7 +51,7 @@ pub(super) fn of_modes(modes: &[Message]) -> Vec<Remark> {
     hindering.map(|(_, state, remedy)| Remark::hinders(*state, remedy)).collect()
 }
 
-/// By the answer to `$#`, once G49 is in force.
+/// Remark on an active tool length offset, from the answer to `$#` once G49 is in force.
 pub(super) fn tool_length(offsets: &[Message]) -> Option<Remark> {
     let has_length = |message: &Message| {
         matches!(message, Message::Offset { name, values }
@@ -63,8 +65,8 @@ pub(super) fn tool_length(offsets: &[Message]) -> Option<Remark> {
     })
 }
 
-/// By the settings. `axes`: each with its place in the reports. `homed_axes`: those that must have a
-/// switch.
+/// Remarks on the settings. `axes`: each axis with its index in the reports. `homed_axes`: axes that must
+/// have a switch.
 pub(super) fn of_settings(
     built: &Built,
     settings: &Settings,
@@ -73,7 +75,7 @@ pub(super) fn of_settings(
 ) -> Vec<Remark> {
     let mut remarks = Vec::new();
     let mut hinders = |what: String, remedy: &str| remarks.push(Remark::hinders(what, remedy));
-    // Classic Grbl has two bits and always shows its inputs.
+    // Classic Grbl has two bits in `$10` and always reports its inputs.
     let needed = if built.classic { &REPORTED[..1] } else { &REPORTED };
     let hidden: Vec<&str> =
         needed.iter().filter(|(bit, _)| !settings.has(10, *bit)).map(|(_, what)| *what).collect();
@@ -96,7 +98,7 @@ pub(super) fn of_settings(
         let what = "it reports positions in inches ($13=1); here they are read as millimetres";
         hinders(what.to_owned(), "enter $13=0 at the control");
     }
-    // What it does not tell counts as off.
+    // A setting that is not reported counts as off.
     if !settings.has(22, HOMING) {
         let what = "its homing is off ($22=0): zero is where each axis stood when it was switched on, and \
                     no travel and no body of the machine file lies where it says";
@@ -115,7 +117,8 @@ pub(super) fn of_settings(
     remarks
 }
 
-/// Soft limits limit no axis whose travel is stored as zero. A rotary axis may turn without end.
+/// Remark on axes without limits: soft limits do not limit an axis whose stored travel is zero. A rotary
+/// axis may turn without end.
 fn unlimited(settings: &Settings, axes: &[(Axis, u16)]) -> Option<Remark> {
     let zero =
         |(axis, place): &&(Axis, u16)| axis.is_linear() && settings.value(130 + place) == Some(0.0);
@@ -128,7 +131,7 @@ fn unlimited(settings: &Settings, axes: &[(Axis, u16)]) -> Option<Remark> {
     ))
 }
 
-/// An axis that the control does not home.
+/// Remark on the axes of `homed_axes` that the control does not home.
 fn without_switch(
     settings: &Settings,
     axes: &[(Axis, u16)],
@@ -151,7 +154,7 @@ fn without_switch(
     })
 }
 
-/// Those of `homed_axes` that are not homed, by `[HOME:..:mask]` of `$#`.
+/// Remark on the axes of `homed_axes` that are not homed, from `[HOME:..:mask]` of `$#`.
 pub(super) fn homed(
     built: &Built,
     settings: &Settings,
@@ -160,7 +163,7 @@ pub(super) fn homed(
     offsets: &[Message],
 ) -> Option<Remark> {
     if built.classic {
-        // It is locked until it was homed, or somebody unlocked it.
+        // Classic Grbl is locked until it is homed or an operator unlocks it.
         return settings.has(22, HOMING).then(|| {
             let what = "whether its axes are homed is not readable on this control";
             Remark::note(what, "home it before each measurement ($H), do not unlock it ($X)")
@@ -189,7 +192,7 @@ pub(super) fn homed(
     })
 }
 
-/// The first item that hinders, as an error.
+/// Returns the first item that prevents a measurement as an error.
 pub(super) fn refuse(remarks: impl IntoIterator<Item = Remark>) -> Result<(), ControllerError> {
     match remarks.into_iter().find(|remark| remark.hinders) {
         Some(Remark { what, remedy, .. }) => Err(ControllerError::NotReady { state: what, remedy }),
@@ -202,13 +205,13 @@ fn names(axes: &[&(Axis, u16)]) -> String {
 }
 
 impl Grbl {
-    /// By the overrides that were last reported.
+    /// Refuses overrides other than 100 %, as last reported.
     pub(super) fn speed_as_planned(&self) -> Result<(), ControllerError> {
         refuse(self.wire.overrides.and_then(overridden))
     }
 
-    /// By the status report with all its fields; classic Grbl has none and reports its overrides now and
-    /// then.
+    /// Remarks on the status report with all its fields; classic Grbl has no such report and reports its
+    /// overrides from time to time.
     pub(super) async fn readiness_of_state(
         &mut self,
         built: &Built,

@@ -1,4 +1,5 @@
-//! The settings of a control, as `$$` lists them. Numbers and meanings are grblHAL's (`settings.h`).
+//! Settings of a control, as `$$` lists them. Setting numbers and meanings are those of grblHAL
+//! (`settings.h`).
 
 use std::collections::BTreeMap;
 
@@ -6,18 +7,19 @@ use super::driver::Grbl;
 use super::message::Message;
 use crate::controllers::ControllerError;
 
-/// `$21`.
+/// Bit of `$21`: hard limits are on.
 pub(super) const HARD_LIMITS: u32 = 1;
-/// `$22`: homing is on; the switch is zero; axes without a switch are homed where they stand.
+/// Bits of `$22`: homing is on; the switch is at zero; axes without a switch are homed at their present
+/// position.
 pub(super) const HOMING: u32 = 1;
 pub(super) const SWITCH_IS_ZERO: u32 = 1 << 3;
 pub(super) const BY_HAND: u32 = 1 << 5;
 
-/// The first of the settings min and max, an extension of the simulated control: the travel of its axis
-/// may lie on both sides of zero, which grblHAL cannot have.
+/// First numbers of the settings for minimum and maximum, an extension of the simulated control: the travel
+/// of its axis may extend to both sides of zero, which grblHAL does not support.
 pub(super) const SIMULATED_ENDS: [u16; 2] = [9000, 9050];
 
-/// Those that are numbers.
+/// Settings with a numeric value, by number.
 pub(super) struct Settings(pub BTreeMap<u16, f64>);
 
 impl Settings {
@@ -25,13 +27,13 @@ impl Settings {
         self.0.get(&number).copied()
     }
 
-    /// Whether the mask `number` has a bit of `bits`. Not where it is not told.
+    /// Whether the mask `number` has a bit of `bits`; false if the setting is not reported.
     pub fn has(&self, number: u16, bits: u32) -> bool {
         self.mask(number) & bits != 0
     }
 
     fn mask(&self, number: u16) -> u32 {
-        // Masks are small whole numbers.
+        // The conversion is exact: masks are small whole numbers.
         self.value(number).unwrap_or_default() as u32
     }
 }

@@ -1,4 +1,4 @@
-//! One probing move and its result, and where the machine stands afterwards.
+//! One probing move and its result, and the position of the machine afterwards.
 
 use std::time::Duration;
 
@@ -12,19 +12,19 @@ use crate::controllers::arrival::moved_by_hand;
 use crate::controllers::lines::Lines;
 use machine::{Axis, Position};
 
-/// A probe may bounce this long after it came free.
+/// Maximum time that a probe bounces after it has come free.
 const SETTLE: Duration = Duration::from_millis(300);
 
-/// The result of a probing move as the control tells it.
+/// Result of a probing move as the control reports it.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Touch {
-    /// In the order of the control's reports, mm and degrees.
+    /// Axis values in the order of the control's reports, mm and degrees.
     pub values: Vec<f64>,
     pub hit: bool,
     pub t_s: Option<f64>,
 }
 
-/// The one result among what was said.
+/// Returns the result of the probing move; there must be exactly one among the messages.
 fn touch_of(said: &[Message]) -> Result<Touch, ControllerError> {
     let mut found = None;
     let mut t_s = None;
@@ -48,7 +48,7 @@ fn touch_of(said: &[Message]) -> Result<Touch, ControllerError> {
 }
 
 impl Grbl {
-    /// A probing line: its result stands between the line and its `ok`.
+    /// Sends a probing line; its result comes between the line and its `ok`.
     pub(super) async fn probe(&mut self, lines: &Lines<'_>) -> Result<Touch, ControllerError> {
         let step = lines.step;
         let said = self.send(lines).await.map_err(|error| match error {
@@ -59,8 +59,8 @@ impl Grbl {
         touch_of(&said)
     }
 
-    /// The control tells a touch again on `$#`: both must be the same to the last digit, and lie on
-    /// the way that the machine came.
+    /// Reads the touch again from `$#`: both results must be equal to the last digit, and the contact must
+    /// be on the path of the move.
     pub(super) async fn confirm(
         &mut self,
         step: u32,
@@ -80,7 +80,7 @@ impl Grbl {
         astray.map_or(Ok(status), Err)
     }
 
-    /// Wait until the machine stands, and see that it stands where it was sent.
+    /// Waits until the machine is at rest, and checks that it is at its target.
     pub(super) async fn arrive(&mut self, target: &Position) -> Result<Status, ControllerError> {
         let deadline = Instant::now() + self.wire.patience.aftermath;
         let target = target.only(|axis| axis != Axis::S);
@@ -89,15 +89,15 @@ impl Grbl {
             self.stood = self.stands(&status)?;
             match check::astray(&target, &self.stood, |axis| self.tolerance(axis)) {
                 None => return Ok(status),
-                // The reports may be older than the motion.
+                // The status reports may be older than the end of the motion.
                 Some(error) if Instant::now() > deadline => return Err(error),
                 Some(_) => sleep(self.wire.patience.poll / 10).await,
             }
         }
     }
 
-    /// The machine still stands where it was last seen to stand. Who says otherwise is asked again: a
-    /// report may have been altered on its way.
+    /// Checks that the machine is still at its last rest position. A deviating report is read again: it may
+    /// have been altered in transmission.
     pub(super) async fn unmoved(&mut self, stands: &Position) -> Result<(), ControllerError> {
         let stood = self.stood.clone();
         if check::astray(&stood, stands, |axis| self.tolerance(axis)).is_none() {
@@ -107,7 +107,7 @@ impl Grbl {
     }
 
     pub(super) fn tolerance(&self, axis: Axis) -> f64 {
-        // Axes that the machine file does not name do not matter.
+        // Axes that the machine file does not name are not checked.
         self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
     }
 
@@ -130,7 +130,7 @@ impl Grbl {
         Ok(axes.chain(spindle).collect())
     }
 
-    /// The probe reads open in the status just `seen`, or does so before long.
+    /// Waits until the probe reads open, first in the status `seen`; an error after `SETTLE`.
     pub(super) async fn open_probe(
         &mut self,
         step: u32,

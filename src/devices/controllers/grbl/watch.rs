@@ -1,4 +1,4 @@
-//! How long a control may be silent, and stand while it should move.
+//! Timeouts: for silence of a control, and for a standstill while it should move.
 
 use std::time::Duration;
 
@@ -8,21 +8,21 @@ use super::fault::silent;
 use super::message::Status;
 use crate::controllers::ControllerError;
 
-/// How long the driver waits, host time.
+/// Timeouts of the driver, host time.
 #[derive(Debug, Clone, Copy)]
 pub struct Patience {
-    /// A living control answers `?` within this time.
+    /// Maximum time for the answer to `?`.
     pub answer: Duration,
-    /// How often a waiting driver asks whether the link lives.
+    /// Interval at which a waiting driver checks the link.
     pub poll: Duration,
-    /// What follows an alarm (`ok`, or a banner) comes within this time.
+    /// Maximum time for what follows an alarm (`ok`, or a banner).
     pub aftermath: Duration,
-    /// A control that says it moves shows another position within this time.
+    /// Maximum time for which a control may report a motion without a change of position.
     pub stall: Duration,
 }
 
-/// The longest pause between two status requests during a move that should meet nothing. One request may
-/// get lost: a contact must be a hold within `LATENCY_S` (planning, `turning.rs`), to which turns limit
+/// Longest pause between two status requests during a move that should touch nothing. One request may be
+/// lost: a contact must lead to a hold within `LATENCY_S` (planning, `turning.rs`), to which turns limit
 /// their speed.
 pub(super) const FREE_MOVE_POLL: Duration = Duration::from_millis(100);
 
@@ -37,12 +37,13 @@ impl Default for Patience {
     }
 }
 
-/// Whether a control that answers gets anywhere.
+/// Detects a control that answers but makes no progress.
 #[derive(Default)]
 pub(super) struct Watch(Option<(Status, Instant)>);
 
 impl Watch {
-    /// Idle with an answer outstanding: a byte got lost. Moving without moving: it hangs.
+    /// Error if the control is idle while an answer is outstanding (a byte was lost), or if it reports a
+    /// motion without a change of position (it hangs).
     pub(super) fn look(
         &mut self,
         status: &Status,

@@ -1,4 +1,5 @@
-//! The conversation: one line, its answer; status while waiting; silence, alarms and resets told.
+//! Exchange of lines: sends one line and waits for its answer, polls the status meanwhile, reports silence,
+//! alarms and resets.
 
 use std::time::Duration;
 
@@ -10,28 +11,28 @@ use super::watch::{FREE_MOVE_POLL, Patience, Watch};
 use crate::controllers::{ControllerError, Halt, Remark};
 use link::{Link, LinkError, Received, Urgent};
 
-/// CMD_STATUS_REPORT_ALL (grblHAL `grbl.h`).
+/// Request for a report with all fields: CMD_STATUS_REPORT_ALL (grblHAL `grbl.h`).
 const FULL_REPORT: &[u8] = &[0x87];
 
 pub(super) struct Wire {
     link: Link,
     urgent: Urgent,
     halt: Halt,
-    /// A line was sent whose answer has not come.
+    /// Whether a line was sent whose answer has not come.
     asked: bool,
-    /// No report has come since the last answer.
+    /// Whether no report has come since the last answer.
     unsure: bool,
-    /// As last reported since [`Wire::new`].
+    /// Overrides last reported since [`Wire::new`].
     pub(super) overrides: Option<Overrides>,
-    /// The step whose positioning move, at rapid or at feed, is under way: the stylus should meet nothing.
+    /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
     pub(super) free: Option<u32>,
-    /// A block is under way: its speeds are valid at overrides of 100 % only.
+    /// Whether a block is running: its feeds are valid at overrides of 100 % only.
     pub(super) in_block: bool,
     pub(super) patience: Patience,
 }
 
 impl Wire {
-    /// The wire over `link`, and the halt that holds the machine behind it.
+    /// Creates the wire on `link`, and the halt that holds the machine.
     pub(super) fn new(link: Link) -> (Self, Halt) {
         let urgent = link.urgent();
         let hold = urgent.clone();
@@ -57,20 +58,20 @@ impl Wire {
         self.halt.is_halted()
     }
 
-    /// Hold the machine after a fault: whatever it is doing, and whatever is still on its way.
+    /// Holds the machine after a fault, whatever it is executing and whatever is still in transit.
     pub(super) fn hold(&self) {
         self.urgent.send_and_close(b"!");
     }
 
-    /// Send `line` and wait for its `ok`; what was said before the `ok` is the result.
+    /// Sends `line` and waits for its `ok`; returns the messages received before the `ok`.
     ///
     /// # Errors
-    /// A refusal, an alarm, a reset, silence, an answer too many; `Halted` once a halt was asked for.
+    /// A refusal, an alarm, a reset, silence, a surplus answer; `Halted` once a halt was requested.
     pub(super) async fn ask(&mut self, line: &str) -> Result<Vec<Message>, ControllerError> {
         self.ask_within(line, Duration::ZERO).await
     }
 
-    /// As `ask`, for a line during which the control stands for up to `still`.
+    /// As `ask`, for a line during which the control is at rest for up to `still`.
     pub(super) async fn ask_within(
         &mut self,
         line: &str,
@@ -78,7 +79,7 @@ impl Wire {
     ) -> Result<Vec<Message>, ControllerError> {
         self.catch_up().await?;
         if self.halt.is_halted() {
-            // What was taken before may still move it.
+            // Lines accepted before the halt may still move the machine.
             return Err(self.halted().await);
         }
         self.require_planned_speed()?;
@@ -128,8 +129,8 @@ impl Wire {
         }
     }
 
-    /// During a block: the machine is held if the last reported overrides are not 100 %. A touch at
-    /// another feed has another latch delay and overtravel.
+    /// During a block: holds the machine if the last reported overrides are not 100 %. A touch at another
+    /// feed has another latch delay and overtravel.
     fn require_planned_speed(&self) -> Result<(), ControllerError> {
         let overrides = self.overrides.filter(|_| self.in_block);
         let Some(Remark { what, .. }) = overrides.and_then(overridden) else { return Ok(()) };
@@ -139,13 +140,13 @@ impl Wire {
         Err(ControllerError::NotReady { state: what, remedy: remedy.to_owned() })
     }
 
-    /// The control's status, asked for now; asked again if a byte gets lost.
+    /// Reads the control's status now; requests it again if a byte is lost.
     pub(super) async fn status(&mut self) -> Result<Status, ControllerError> {
         self.report(b"?", |_| true).await
     }
 
-    /// The report with all its fields; one that does not say so if no other comes. A report that was
-    /// asked for before may come first. A control that does not know the question is silent.
+    /// Reads the report with all its fields, or another report if no full one comes. The answer to an
+    /// earlier request may come first. A control that does not support the request does not answer.
     pub(super) async fn full_status(&mut self) -> Result<Status, ControllerError> {
         self.report(FULL_REPORT, |status| status.is_full).await
     }
@@ -170,7 +171,7 @@ impl Wire {
                         other = Some(status);
                     }
                     Message::Other(_) => {}
-                    // A line may be under way when a halt comes.
+                    // A line may be outstanding when a halt comes.
                     Message::Ok | Message::Error(_) if self.asked => self.asked = false,
                     _ if self.asked => {}
                     answer => return Err(out_of_step(&answer)),
@@ -181,11 +182,12 @@ impl Wire {
         other.ok_or_else(|| silent(name, self.patience.answer))
     }
 
-    /// Wait until the machine stands still. Two reports in a row: the first may be older than the
-    /// start of a motion that was just acknowledged.
+    /// Waits until the machine is at rest: two idle reports in a row. The first may be older than the start
+    /// of a motion that was just acknowledged.
     pub(super) async fn idle(&mut self) -> Result<Status, ControllerError> {
         let mut seen = 0;
-        // Asked again at once: a control that moves in no time has taken the line, but not done it.
+        // No pause before the second request: even a control whose moves take no time may have accepted
+        // the line without having executed it.
         let mut pause = Duration::ZERO;
         let mut watch = Watch::default();
         loop {
@@ -206,17 +208,17 @@ impl Wire {
             if !pause.is_zero() {
                 sleep(pause).await;
             }
-            // Every move ends here: a long pause would cost more than the question.
+            // Every move ends here: a long pause would cost more than the request.
             pause = (pause * 2).max(Duration::from_millis(1)).min(self.patience.poll / 10);
         }
     }
 
-    /// A state that the run did not ask for ends it.
+    /// Returns an error for a state that the run has not commanded.
     async fn check(&mut self, status: &Status) -> Result<(), ControllerError> {
         match status.state.as_str() {
             "Hold" | "Door" | "Tool" => Err(ControllerError::HeldThere { state: state_of(status) }),
             "Alarm" | "Sleep" => {
-                // Which alarm it is may follow, or have got lost.
+                // The number of the alarm may follow, or may be lost.
                 let deadline = Instant::now() + self.patience.aftermath;
                 while let Some(message) = self.next(deadline).await? {
                     self.unless_it_ends_the_job(message).await?;
@@ -225,7 +227,7 @@ impl Wire {
             }
             _ => match self.free.filter(|_| status.probe_closed) {
                 Some(step) => {
-                    // It may still be moving, and does not stop by itself.
+                    // The machine may still be moving, and does not stop by itself.
                     self.hold();
                     Err(ControllerError::UnexpectedContact { step })
                 }
@@ -234,7 +236,7 @@ impl Wire {
         }
     }
 
-    /// An alarm or a reset does.
+    /// Returns an error for an alarm or a reset.
     async fn unless_it_ends_the_job(
         &mut self,
         message: Message,
@@ -246,8 +248,8 @@ impl Wire {
         }
     }
 
-    /// The first word: end whatever half line stands in the control's buffer, and find out who is
-    /// there. The blank line's answer is waited for too: come late, it would be the next line's.
+    /// Begins the exchange: terminates a partial line in the control's buffer, and identifies the device. Waits
+    /// for the answer to the blank line too: a late one would be taken for the answer to the next line.
     pub(super) async fn wake(&mut self) -> Result<Status, ControllerError> {
         self.link.send(b"\n")?;
         self.urgent.send(b"?");
@@ -275,7 +277,7 @@ impl Wire {
         Ok(status)
     }
 
-    /// Let old answers run dry.
+    /// Waits until no more old answers come.
     async fn quiet(&mut self) -> Result<(), LinkError> {
         let deadline = Instant::now() + self.patience.answer;
         while Instant::now() < deadline {
@@ -286,8 +288,9 @@ impl Wire {
         Ok(())
     }
 
-    /// What was said while nobody asked: a reset or an alarm ends the job, and so does an answer
-    /// too many, which could be taken for the next line's. A report that is asked for comes after it.
+    /// Processes messages that came without a request. A reset or an alarm ends the job; so does a surplus
+    /// answer, which could be taken for the answer to the next line. The requested status report comes
+    /// after a surplus answer.
     async fn catch_up(&mut self) -> Result<(), ControllerError> {
         if self.unsure && !self.halt.is_halted() {
             let status = self.status().await?;
@@ -305,7 +308,7 @@ impl Wire {
         Ok(())
     }
 
-    /// As `check`; after a halt the hold that it shows is ours.
+    /// As `check`, but after a halt a reported hold is the driver's own.
     async fn unless_halted(&mut self, status: &Status) -> Result<(), ControllerError> {
         if self.halt.is_halted() { Ok(()) } else { self.check(status).await }
     }
@@ -316,14 +319,14 @@ impl Wire {
         Ok(message)
     }
 
-    /// A report carries overrides rarely: when they have changed, and now and then.
+    /// Stores reported overrides. A report carries them rarely: after a change, and from time to time.
     fn note(&mut self, message: Option<&Message>) {
         if let Some(Message::Status(Status { overrides: Some(now), .. })) = message {
             self.overrides = Some(*now);
         }
     }
 
-    /// An alarm is followed by the line's answer, or by a banner if the control was reset.
+    /// Waits for what follows an alarm: the line's answer, or a banner if the control was reset.
     async fn aftermath(&mut self, code: u32) -> Result<ControllerError, LinkError> {
         let deadline = Instant::now() + self.patience.aftermath;
         loop {
@@ -338,12 +341,12 @@ impl Wire {
         }
     }
 
-    /// The hold is on its way; see the machine stand before saying so. The wire may have lost it: it is
-    /// sent again until a report shows it, one too many changes nothing.
+    /// Waits, after a hold was sent, until the machine is at rest. The hold may be lost: it is sent again
+    /// until a report shows it; a surplus hold changes nothing.
     async fn halted(&mut self) -> ControllerError {
         let patience = 2 * self.patience.answer;
         let deadline = Instant::now() + patience;
-        // One report of it may be older than the start of a motion.
+        // One idle report may be older than the start of a motion.
         let mut idle = false;
         while Instant::now() < deadline {
             let status = match self.status().await {
@@ -366,7 +369,7 @@ impl Wire {
 fn understood(received: Received) -> Message {
     match received {
         Received::Line(line) => Message::parse(&line),
-        // If noise swallowed an answer, the silence that follows is told.
+        // If noise has replaced an answer, the silence that follows is reported.
         Received::Noise { bytes } => Message::Other(format!("{bytes} bytes")),
     }
 }

@@ -1,4 +1,4 @@
-//! `[controller]` of kind `linuxcnc`.
+//! Keys of `[controller]` of kind `linuxcnc`.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -17,16 +17,16 @@ use planning::proof::ProvenModes;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Config {
-    /// Of linuxcncrsh.
+    /// Address of linuxcncrsh.
     #[serde(default = "usual_address")]
     pub(super) tcp: HostPort,
-    /// Where programs and their result logs are put; the control must see the same folder.
+    /// Folder of the programs and their result logs; the control must see the same folder.
     program_dir: PathBuf,
-    /// Its INI file, for what it does not say of itself.
+    /// INI file of the control, for values that the control does not report.
     ini: Option<PathBuf>,
     #[serde(default = "dialect")]
     dialect: String,
-    /// Stamps positions during motion.
+    /// Sampler that timestamps positions during motion.
     sampler: Option<sampler::Config>,
 }
 

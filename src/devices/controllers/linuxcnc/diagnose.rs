@@ -1,11 +1,11 @@
-//! Why no linuxcncrsh answers: the port, or another control there.
+//! Finds out why no linuxcncrsh answers: the port, or another control at the port.
 
 use super::{Config, KIND};
 use crate::controllers::{ControllerError, Leave, Suspicion, port, stranger};
 use link::{Address, Named};
 use machine::record::machine::Machine;
 
-/// linuxcncrsh's own default.
+/// Default TCP port of linuxcncrsh.
 const USUAL_PORT: u16 = 5007;
 
 impl Config {
@@ -46,7 +46,7 @@ impl Config {
         }
     }
 
-    /// Another port of that computer at which linuxcncrsh usually listens.
+    /// Suspected cause: linuxcncrsh listens at its default port on the same computer.
     async fn usual_port(&self, address: &Address, leave: Leave) -> Option<Suspicion> {
         let Address::Tcp { host, port } = address else { return None };
         let usual = Address::Tcp { host: host.clone(), port: USUAL_PORT };

@@ -1,4 +1,4 @@
-//! The driver: a program file a block, its result from the log.
+//! Driver: writes one program file per block and reads its result from the log.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -24,26 +24,26 @@ use machine::{Axis, Position};
 use planning::gcode::{Transmission, Unit};
 use planning::proof::{ProvenBlock, ProvenModes};
 
-/// The link's task writes within this time.
+/// Maximum time until the link's task has written a line.
 const ON_THE_WIRE: Duration = Duration::from_millis(20);
-/// An axis stands where it was sent within this.
+/// Maximum time for an axis to settle at its target.
 const SETTLES: Duration = Duration::from_millis(500);
 const STEP_OF_NO_BLOCK: u32 = 0;
-/// A program that moves nothing.
+/// Limits for a program that moves nothing.
 const WITHOUT_MOTION: Watched<'_> =
     Watched { step: STEP_OF_NO_BLOCK, rests: Duration::ZERO, turns_to: None };
 const HALT: &[u8] = b"set enable EMCTOO\nset abort\n";
 
-/// Where it is and what it has.
+/// Address and shared directory of the control, and properties of its machine.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// Of linuxcncrsh, by default port 5007.
+    /// Address of linuxcncrsh, by default port 5007.
     pub address: Address,
-    /// A directory that trued and LinuxCNC see under the same absolute name, and may both write.
+    /// Directory that `trued` and LinuxCNC see under the same absolute name and can both write.
     pub directory: PathBuf,
     /// The machine's axes.
     pub axes: Vec<Axis>,
-    /// The INI file that it was started with, where it is known.
+    /// INI file that LinuxCNC was started with, if it is known.
     pub ini: Option<PathBuf>,
 }
 
@@ -51,23 +51,23 @@ pub struct LinuxCnc {
     pub(super) settings: Settings,
     modes: ProvenModes,
     pub(super) rsh: Rsh,
-    /// Carries nothing but halts; kept open for them.
+    /// Connection that carries only halts; kept open for them.
     halting: Rsh,
     halt: Halt,
     files: Files,
-    /// The mode to go back to.
+    /// Mode of the control to restore at the end.
     mode_found: Option<String>,
     ready: bool,
-    /// Orientation of the spindle, rad, once it was given.
+    /// Orientation of the spindle, rad, once it was commanded.
     spindle: Option<f64>,
     sampler: Option<Sampler>,
 }
 
 impl LinuxCnc {
-    /// Connect, twice: once to command, once to halt. Nothing is commanded yet.
+    /// Connects twice: once to command, once to halt. Nothing is commanded yet.
     ///
     /// # Errors
-    /// No linuxcncrsh at the address; a directory that cannot be used.
+    /// No linuxcncrsh at the address; an unusable directory.
     pub async fn open(
         settings: Settings,
         modes: ProvenModes,
@@ -97,14 +97,15 @@ impl LinuxCnc {
         Transmission::Programs { log: self.files.log_name() }
     }
 
-    /// With what stamps positions during motion.
+    /// Sets the sampler that timestamps positions during motion.
     pub fn stamped_by(self, sampler: Option<Sampler>) -> Self {
         Self { sampler, ..self }
     }
 
-    /// Switches and state as they must be; nothing is changed but how linuxcncrsh answers.
+    /// Checks the switches and the state; changes only how linuxcncrsh answers.
     async fn look(&mut self, ini: Option<&Ini>) -> Result<(), ControllerError> {
-        // Both hold for all connections. With a time-out it would acknowledge what was not taken.
+        // Both settings apply to all connections. With a timeout linuxcncrsh would acknowledge commands
+        // that the task has not accepted.
         self.rsh.set("set_wait received").await?;
         self.rsh.set("timeout 0").await?;
         let estop = self.rsh.get("estop").await?;
@@ -112,7 +113,7 @@ impl LinuxCnc {
         let homed = self.rsh.get("joint_homed").await?;
         let joints = ini.and_then(Ini::joints);
         prepare::judge_switches(&estop, &machine, &homed, &self.settings.axes, joints)?;
-        // Switches that look good may be old. (While it is stopped, this would be refused.)
+        // The reported switches may be outdated. (While the machine is stopped, this would be refused.)
         watch::sign_of_life(&mut self.rsh).await?;
         if self.rsh.get("program_status").await? != "IDLE" {
             return Err(not_ready(
@@ -167,7 +168,7 @@ impl LinuxCnc {
         })
     }
 
-    /// A program for each part of the block: after a back-off the probe must read open before
+    /// Runs one program for each part of the block: after a back-off the probe must read open before
     /// anything else moves.
     async fn block(&mut self, block: &ProvenBlock) -> Result<Outcome, ControllerError> {
         if *block.transmission() != self.transmission() {
@@ -184,7 +185,7 @@ impl LinuxCnc {
         Ok(Outcome { touch, t_s: None, track: self.track(block).await? })
     }
 
-    /// The machine is where the proof has it.
+    /// Checks that the machine is where the proven block begins.
     async fn begins(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let axes = &self.settings.axes;
         let begins = block.begins().only(|axis| axis != Axis::S && axes.contains(&axis));
@@ -196,7 +197,7 @@ impl LinuxCnc {
         astray.map_or(Ok(()), |error| Err(arrival::moved_by_hand(error)))
     }
 
-    /// Where the axes stood while `block` was executed, if it is one that wants to know and can.
+    /// Positions of the axes during `block`, if the block moves at feed and there is a sampler.
     async fn track(&mut self, block: &ProvenBlock) -> Result<Option<Track>, ControllerError> {
         let wanted = self.sampler.as_ref().filter(|_| block.motions().any(moves_at_feed));
         let Some(sampler) = wanted else { return Ok(None) };
@@ -212,7 +213,7 @@ impl LinuxCnc {
         state::opened(&mut self.rsh, &self.files.program_name()).await?;
         self.files.write(&part.text)?;
         self.refuse_if_halted()?;
-        // The contact, seen while an axis turns, must stop it (`planning::turning`).
+        // A contact while an axis turns must stop the axis (`planning::turning`).
         let ends = way::end_of_turns(&part.motions);
         let watched = Watched { step, rests: watch::rests(part), turns_to: ends.as_ref() };
         let log = match watch::run(&mut self.rsh, &self.files, &self.halt, watched).await {
@@ -229,22 +230,23 @@ impl LinuxCnc {
         }
         state::axes_are_joints(&mut self.rsh, &self.settings.axes).await?;
         if part.motions.iter().any(touches) {
-            // It may have changed since the part began.
+            // The feed override may have changed since the part began.
             state::full_speed(&mut self.rsh).await?;
         }
         self.arrived(step, part).await?;
         self.touched(step, part, log.verdict)
     }
 
-    /// The program is over; so must be the way. Where LinuxCNC's task is late its interpreter reads on
-    /// before a probing move has begun (2.9, issue 3650), and a contact in it shows nowhere else.
+    /// Checks, after the program has ended, that the machine has reached the end of the path. If LinuxCNC's
+    /// task is late, its interpreter reads on before a probing move has begun (2.9, issue 3650), and a
+    /// contact in that move shows nowhere else.
     async fn arrived(&mut self, step: u32, part: &Unit) -> Result<(), ControllerError> {
         let deadline = Instant::now() + SETTLES;
         loop {
             let stands = state::stands(&mut self.rsh, &self.settings.axes).await?;
             match way::astray(&part.motions, &stands) {
                 None => return Ok(()),
-                // The position is the feedback's: an axis may still come to rest.
+                // The position is that of the feedback: an axis may still be settling.
                 Some(_) if Instant::now() < deadline => sleep(ON_THE_WIRE).await,
                 Some(error) => {
                     self.probe_is_open(step).await?;
@@ -261,7 +263,7 @@ impl LinuxCnc {
         }
     }
 
-    /// The position at the trigger, if `part` has a touch.
+    /// Returns the position at the trigger, if `part` has a touch.
     fn touched(
         &mut self,
         step: u32,
@@ -286,7 +288,7 @@ impl LinuxCnc {
         }
     }
 
-    /// Run a program that moves nothing.
+    /// Runs a program that moves nothing.
     async fn switch(&mut self, program: &str) -> Result<(), ControllerError> {
         self.files.write(program)?;
         self.refuse_if_halted()?;
@@ -294,7 +296,7 @@ impl LinuxCnc {
         if log.ended { Ok(()) } else { Err(self.reason(STEP_OF_NO_BLOCK, log).await) }
     }
 
-    /// Why a program stopped before its end.
+    /// Returns why a program stopped before its end.
     async fn reason(&mut self, step: u32, log: Log) -> ControllerError {
         if self.halt.is_halted() {
             return ControllerError::Halted;
@@ -306,7 +308,7 @@ impl LinuxCnc {
         if self.halt.is_halted() { Err(ControllerError::Halted) } else { Ok(()) }
     }
 
-    /// After any failure: whatever still runs is aborted, and nothing runs until `prepare`.
+    /// After any failure: aborts what is still running; nothing runs until `prepare`.
     async fn failed(&mut self, error: ControllerError) -> ControllerError {
         self.ready = false;
         self.sampler.iter().for_each(Sampler::give_up);
@@ -317,8 +319,8 @@ impl LinuxCnc {
             self.halting.link.urgent().send(HALT);
             return error;
         }
-        // Who did not answer is not asked again on the same connection. The other may still live,
-        // and a frozen task that wakes up takes the abort first.
+        // A connection without an answer is not used again. The other one may still work, and a frozen task
+        // that resumes takes the abort first.
         let dumb = matches!(
             error,
             ControllerError::Frozen | ControllerError::NoAnswer { .. } | ControllerError::Link(_)
@@ -368,7 +370,7 @@ impl Driver for LinuxCnc {
         self.sampler.is_some()
     }
 
-    /// Every program restores the modal state itself; what is left is the probe and the mode.
+    /// Every program restores the modal state itself; only the probe and the mode are left to `finish`.
     async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
         self.say_who().await
     }
@@ -385,7 +387,7 @@ impl Driver for LinuxCnc {
     }
 }
 
-/// As along a scan: see [`Outcome::track`].
+/// Whether the motion is at feed, as along a scan: see [`Outcome::track`].
 fn moves_at_feed(motion: &Motion) -> bool {
     matches!(motion, Motion::Feed { .. })
 }

@@ -1,4 +1,4 @@
-//! Why a program stopped before its end: the log first, then the switches, then the messages.
+//! Reason why a program stopped before its end: from the log first, then the switches, then the messages.
 
 use super::not_ready::not_ready;
 use super::prepare::clear_slot;
@@ -7,7 +7,7 @@ use super::rsh::Rsh;
 use crate::controllers::ControllerError;
 use machine::Axis;
 
-/// Of a program of `step`; the machine has `axes`.
+/// Returns why the program of `step` stopped; the machine has `axes`.
 pub(super) async fn reason(
     rsh: &mut Rsh,
     step: u32,
@@ -29,7 +29,7 @@ pub(super) async fn reason(
     }
 }
 
-/// Why a command was refused: `refusal`, unless a switch explains it.
+/// Returns why a command was refused: `refusal`, unless a switch explains it.
 pub(super) async fn refused(rsh: &mut Rsh, refusal: ControllerError) -> ControllerError {
     match switches(rsh).await {
         Ok(Some(reason)) | Err(reason) => reason,
@@ -37,7 +37,7 @@ pub(super) async fn refused(rsh: &mut Rsh, refusal: ControllerError) -> Controll
     }
 }
 
-/// What the control says of it; `Err` if it does not even say that.
+/// Returns the reason that the control reports; `Err` if the control does not answer.
 async fn told(rsh: &mut Rsh, step: u32) -> Result<ControllerError, ControllerError> {
     if let Some(reason) = switches(rsh).await? {
         return Ok(reason);
@@ -45,8 +45,9 @@ async fn told(rsh: &mut Rsh, step: u32) -> Result<ControllerError, ControllerErr
     Ok(meant(step, &rsh.messages().await?))
 }
 
-/// What LinuxCNC's messages mean. Its interpreter looks at its own queue when a probe move or an input
-/// is over; if its motion, late, has not told yet that it is empty, it stops the program (2.9).
+/// Converts LinuxCNC's messages to an error. Its interpreter checks its own queue after a probing move or
+/// an input; if its motion is late and has not yet reported an empty queue, the interpreter stops the
+/// program (2.9).
 fn meant(step: u32, said: &[String]) -> ControllerError {
     let has = |words: &str| said.iter().any(|text| text.contains(words));
     if has("Probe tripped") {
@@ -71,7 +72,8 @@ fn meant(step: u32, said: &[String]) -> ControllerError {
     }
 }
 
-/// An emergency stop comes without a message.
+/// Returns an error for an active emergency stop or a machine that is off. An emergency stop comes without
+/// a message.
 async fn switches(rsh: &mut Rsh) -> Result<Option<ControllerError>, ControllerError> {
     if rsh.get("estop").await? != "OFF" {
         return Ok(Some(ControllerError::EmergencyStop));

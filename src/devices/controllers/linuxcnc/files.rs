@@ -1,4 +1,4 @@
-//! The two files that trued and LinuxCNC share.
+//! The two files that `trued` and LinuxCNC share.
 
 use std::io::Error;
 use std::path::Path;
@@ -8,21 +8,21 @@ use super::result::Log;
 use crate::controllers::ControllerError;
 use link::Folder;
 
-/// linuxcncrsh cuts off lines of 250 characters, `set open` included.
+/// Maximum length of the program's name: linuxcncrsh cuts off lines of 250 characters, `set open` included.
 const LONGEST_NAME: usize = 230;
 const PROGRAM: &str = "trued.ngc";
 const LOG: &str = "trued.log";
 
 pub(super) struct Files(Folder);
 
-/// The file in `directory` that takes the results.
+/// Name of the file in `directory` that receives the results.
 pub fn log_name(directory: &Path) -> String {
     directory.join(LOG).to_string_lossy().into_owned()
 }
 
 impl Files {
     /// # Errors
-    /// A directory whose name LinuxCNC cannot take, or that cannot be made.
+    /// LinuxCNC cannot use the directory's name, or the directory cannot be created.
     pub fn within(directory: &Path) -> Result<Self, ControllerError> {
         let name = directory.join(PROGRAM).to_string_lossy().into_owned();
         if !directory.is_absolute() || name.len() > LONGEST_NAME || name.contains(['(', ')', ' ']) {
@@ -42,13 +42,13 @@ impl Files {
         self.0.at(LOG).to_string_lossy().into_owned()
     }
 
-    /// Replace the program whole, and take away the last log.
+    /// Replaces the whole program, and removes the last log.
     pub fn write(&self, text: &str) -> Result<(), ControllerError> {
         self.0.write(PROGRAM, text).map_err(|error| self.unusable(PROGRAM, &error))?;
         self.0.remove(LOG).map_err(|error| self.unusable(LOG, &error))
     }
 
-    /// What the program of `step` has written so far.
+    /// Returns what the program of `step` has written so far.
     pub fn log(&self, step: u32) -> Result<Log, ControllerError> {
         match self.0.read(LOG) {
             Ok(Some(text)) => Log::parse(&text, step),
@@ -57,7 +57,7 @@ impl Files {
         }
     }
 
-    /// After a program that should have opened its log.
+    /// Checks that the log exists, after a program that should have opened it.
     pub fn expect_log(&self) -> Result<(), ControllerError> {
         match self.0.read(LOG) {
             Ok(Some(_)) => Ok(()),

@@ -1,4 +1,4 @@
-//! Whatever linuxcncrsh and a result log may say.
+//! Fuzz tests: arbitrary text from linuxcncrsh and in a result log.
 
 use tokio::io::AsyncWriteExt;
 
@@ -29,7 +29,7 @@ fn the_result_log_bears_anything() {
         let Ok(log) = Log::parse(&text, 17) else { return 0 };
         assert!(log.lines <= input.len());
         assert!(log.state.iter().all(|value| value.is_finite()), "{log:?}");
-        // Judging does not panic either.
+        // `judge` must not panic either.
         drop(prepare::judge(&log.state, &Axis::ALL));
         if let Some(Verdict::Touch(at)) = &log.verdict {
             assert!(at.iter().all(|(_, value)| value.is_finite()), "{log:?}");
@@ -46,7 +46,8 @@ fn answers_of_linuxcncrsh_bear_anything() {
     fuzz("linuxcnc-answers", &[TALK], &words, |input| runtime.block_on(ask_all(input)));
 }
 
-/// Ask until the peer, which says `input` and leaves, is gone; the bytes understood.
+/// Sends requests until the peer, which sends `input` and disconnects, is gone; returns the number
+/// of bytes understood.
 async fn ask_all(input: &[u8]) -> usize {
     let (near, mut far) = tokio::io::duplex(input.len() + 1);
     far.write_all(input).await.unwrap();

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use crate::controllers::ControllerError;
 
-/// An INI file of LinuxCNC: sections, keys; of a key that comes twice the first counts.
+/// INI file of LinuxCNC: values by section and key; if a key occurs twice, the first value counts.
 pub(super) struct Ini(BTreeMap<(String, String), String>);
 
 impl Ini {

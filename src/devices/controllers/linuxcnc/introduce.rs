@@ -1,5 +1,6 @@
-//! What it says of itself. linuxcncrsh tells its version and its units; its manual calls `get ini` "not
-//! implemented", so limits and speeds come from the INI file, where `[controller] ini` names it.
+//! Properties that LinuxCNC reports. linuxcncrsh reports its version and its units; its manual calls
+//! `get ini` "not implemented", so limits and speeds come from the INI file, if `[controller] ini` names
+//! it.
 
 use super::driver::LinuxCnc;
 use super::ini::Ini;
@@ -7,10 +8,11 @@ use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
 use machine::Axis;
 use machine::record::machine::Sense;
 
-/// Modules that compute the position of a workpiece on rotary tables, and how they count the axes of these
-/// tables, by their formulas (LinuxCNC 2.9, `trtfuncs.c`, `rotatekins.c`, `maxkins.c`, `xyzab_tdr_kins.comp`): a
-/// table that turns right-handed by a positive command turns against ISO 841, which counts the tool's motion.
-/// Of other modules, such as `trivkins` and `5axiskins`, nothing follows for a table.
+/// Modules that compute the position of a workpiece on rotary tables, and the sense of rotation in which
+/// they count the axes of these tables, by their formulas (LinuxCNC 2.9, `trtfuncs.c`, `rotatekins.c`, `maxkins.c`,
+/// `xyzab_tdr_kins.comp`): a table that turns right-handed by a positive command turns against ISO 841,
+/// which counts the tool's motion. Other modules, such as `trivkins` and `5axiskins`, define no sense
+/// of rotation for a table.
 const TABLES: [(&str, &[Axis], Sense); 5] = [
     ("xyzac-trt-kins", &[Axis::A, Axis::C], Sense::Reversed),
     ("xyzbc-trt-kins", &[Axis::B, Axis::C], Sense::Reversed),
@@ -20,7 +22,7 @@ const TABLES: [(&str, &[Axis], Sense); 5] = [
 ];
 
 const S_PER_MIN: f64 = 60.0;
-/// linuxcncrsh prints six decimals.
+/// Resolution of the reports: linuxcncrsh prints six decimals.
 const SHOWN: f64 = 0.000_001;
 
 impl LinuxCnc {
@@ -41,7 +43,7 @@ impl LinuxCnc {
 }
 
 impl Ini {
-    /// Of `[TRAJ]COORDINATES`; a gantry names an axis twice.
+    /// Axes of `[TRAJ]COORDINATES`; a gantry names an axis twice.
     fn axes(&self) -> Vec<Axis> {
         let letters = self.text("TRAJ", "COORDINATES").unwrap_or_default().chars();
         let mut axes: Vec<Axis> = letters
@@ -76,7 +78,7 @@ impl Ini {
         }
     }
 
-    /// The axes of the table that its kinematics compute, and how they are counted.
+    /// Axes of the table that the kinematics compute, and the sense of rotation in which they count these axes.
     fn table(&self) -> Option<(&'static [Axis], Sense)> {
         let module = self.kinematics_module()?;
         let known = TABLES.iter().find(|(name, ..)| *name == module);
@@ -86,7 +88,7 @@ impl Ini {
     fn remarks(&self) -> Vec<Remark> {
         let mut remarks = Vec::new();
         let kinematics = self.kinematics().unwrap_or_default();
-        // `prepare` reads the mode itself: the INI file has only the mode at the start.
+        // The INI file has only the mode at the start: `prepare` reads the present mode itself.
         if kinematics.contains("trt") && !kinematics.contains("identityfirst") {
             let what = format!(
                 "its kinematics (`{kinematics}`) compensate the rotary axes after a start of LinuxCNC: the \
@@ -114,7 +116,7 @@ impl Ini {
 mod tests {
     use super::*;
 
-    /// The rig that the tests drive.
+    /// INI file of the rig that the tests drive.
     const RIG: &str = include_str!("../../../../tests/peers/linuxcnc/rig.ini");
 
     #[test]
@@ -136,8 +138,9 @@ mod tests {
         let [mode, _] = &compensating.remarks()[..] else { panic!("{:?}", compensating.remarks()) };
         assert!(!mode.hinders && mode.remedy.contains("M429"), "{mode:?}");
     }
-    /// By hand from the modules' formulas, one axis at 90°: with `xyzbc-trt-kins` and C = 90° joints (0, 1) are
-    /// the place (1, 0) of the workpiece: its X has turned to the machine's Y, right-handed.
+    /// Computed by hand from the modules' formulas, one axis at 90°: with `xyzbc-trt-kins` and C = 90°
+    /// joints (0, 1) are the point (1, 0) of the workpiece: its X axis has turned to the machine's Y axis,
+    /// right-handed.
     #[test]
     fn regress_how_a_table_turns_follows_from_the_kinematics_module() {
         use Sense::{Iso, Reversed};

@@ -1,33 +1,34 @@
-//! Whether the kinematics are in identity mode. Compensating kinematics put each axis where its joint is
-//! as long as all rotary axes are at zero: there positions alone do not show the mode.
+//! Checks whether the kinematics are in identity mode. While all rotary axes are at zero, compensating
+//! kinematics too put each axis where its joint is: there positions alone do not show the mode.
 //!
-//! LinuxCNC (2.9) has the mode as HAL pin `motion.switchkins-type`. What its numbers mean is a matter of
-//! the module: `[KINS]KINEMATICS` of the INI file names it.
+//! LinuxCNC (2.9) reports the mode on HAL pin `motion.switchkins-type`. The meaning of its numbers depends
+//! on the module, which `[KINS]KINEMATICS` of the INI file names.
 
 use super::ini::Ini;
 use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use machine::{Axis, Position};
 
-/// Modules on LinuxCNC's `switchkins.c`: type 1 is identity, with `sparm=identityfirst` type 0.
+/// Modules based on LinuxCNC's `switchkins.c`: type 1 is identity, with `sparm=identityfirst` type 0.
 const SWITCHKINS: [&str; 3] = ["xyzac-trt-kins", "xyzbc-trt-kins", "5axiskins"];
-/// Modules of which type 0 is identity (`xyzab_tdr_kins.comp` of 2.9; the others are of 2.10).
+/// Modules whose type 0 is identity (`xyzab_tdr_kins.comp` of 2.9; the others are of 2.10).
 const IDENTITY_FIRST: [&str; 3] = ["xyzab_tdr_kins", "xyzacb_trsrn", "xyzbca_trsrn"];
-/// A rotary axis at this angle, and a linear axis at this distance from zero, show a compensation.
+/// Smallest angle of a rotary axis, rad, and smallest distance of a linear axis from zero, mm, that show a
+/// compensation.
 const SHOWS_RAD: f64 = 0.017;
 const SHOWS_MM: f64 = 1.0;
 
-/// What the control's HAL pins report of the kinematics.
+/// Mode of the kinematics, as the control's HAL pins report it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum SwitchPin {
     /// Programs cannot read HAL pins: `HAL_PIN_VARS = 0`.
     NotReadable,
-    /// These kinematics have no modes.
+    /// The kinematics have no modes.
     None,
     Type(f64),
 }
 
-/// Refuse kinematics that compensate the rotary axes, and kinematics whose mode is not known. At `stands`
+/// Refuses kinematics that compensate the rotary axes, and kinematics whose mode is not known. At `stands`
 /// each axis is where its joint is.
 pub(super) fn judge(
     ini: Option<&Ini>,
@@ -50,7 +51,7 @@ pub(super) fn judge(
     }
 }
 
-/// `motion.switchkins-type` of the identity mode.
+/// Value of `motion.switchkins-type` in identity mode.
 fn identity_type(ini: &Ini) -> Option<f64> {
     let module = ini.kinematics_module()?;
     let is_first = ini.kinematics()?.contains("identityfirst");
@@ -61,8 +62,8 @@ fn identity_type(ini: &Ini) -> Option<f64> {
     }
 }
 
-/// Whether compensating kinematics would move an axis away from its joint at `stands`. With the pivot
-/// at zero they do not where both linear axes across the rotary axis are at zero.
+/// Whether compensating kinematics would move an axis away from its joint at `stands`. With the pivot at
+/// zero they do not if both linear axes across the rotary axis are at zero.
 fn shows_mode(stands: &Position) -> bool {
     let is_off = |axis| stands.get(axis).is_some_and(|at: f64| at.abs() > SHOWS_MM);
     let across = |axis| match axis {
@@ -124,9 +125,9 @@ mod tests {
         assert!(accepted("xyzac-trt-kins", 1.0));
         assert!(accepted("xyzab_tdr_kins", 0.0));
         assert!(!accepted("xyzab_tdr_kins", 1.0));
-        // A user's own module.
+        // A module written by the user.
         assert!(!accepted("millkins", 0.0));
-        // Another mode is refused wherever it stands.
+        // Another mode is refused at every position.
         let shows = [20.0, 20.0, 200.0, 0.0, 30.0];
         assert!(!is_accepted("xyzac-trt-kins", SwitchPin::Type(2.0), shows));
     }
@@ -138,7 +139,7 @@ mod tests {
             assert!(!is_accepted("maxkins", pin, HOME));
             assert!(is_accepted("maxkins", pin, [0.0, 0.0, 200.0, 10.0, 0.0]));
             assert!(is_accepted("maxkins", pin, [20.0, 0.0, 200.0, 0.0, 10.0]));
-            // On the axis, and after a whole turn.
+            // Position on the rotary axis, and position after a whole turn.
             assert!(!is_accepted("maxkins", pin, [0.0, 0.0, 200.0, 0.0, 10.0]));
             assert!(!is_accepted("maxkins", pin, [20.0, 20.0, 200.0, 0.0, 360.0]));
         }

@@ -1,34 +1,36 @@
-//! LinuxCNC (2.9) over linuxcncrsh, its text interface on TCP, and a directory that both sides see:
-//! one program file a block goes in, one result log comes out.
+//! Driver of LinuxCNC (2.9) over linuxcncrsh, its text interface on TCP, and a directory that both sides
+//! see: one program file per block as input, one result log as output.
 //!
-//! **Stop.** A halt goes over a connection of its own: it takes the right to command away from the
-//! driver's connection and aborts. So it does not wait behind an answer (linuxcncrsh takes 0.1 s for
-//! each command), and nothing that the driver still sends can move the machine. The machine
-//! decelerates at its acceleration and stays; measured on the simulated machine, the abort acts
-//! within 20 ms. Worst-case travel: 20 ms of the feed, plus feed²/(2·acceleration). The driver, which
-//! sends nothing else from then on, aborts once more on its own connection, until it sees the machine at
-//! rest: linuxcncrsh may lose a line that comes beside another (`watch::stop`).
+//! **Stop.** A halt has a connection of its own: it takes the right to command from the driver's connection
+//! and aborts. So it does not wait for an answer (linuxcncrsh takes 0.1 s for each command), and nothing
+//! that the driver still sends can move the machine. The machine decelerates at its acceleration and stays;
+//! measured on the simulated machine, the abort takes effect within 20 ms. Worst-case travel: 20 ms of the
+//! feed, plus feed²/(2·acceleration). The driver, which sends nothing else from then on, repeats the abort
+//! on its own connection until the machine is at rest: linuxcncrsh may lose a line that arrives together
+//! with another (`watch::stop`).
 //!
-//! **What it relies on**, all measured against LinuxCNC 2.9:
-//! - An acknowledgement is not success; messages overwrite each other. A result is what stands in the
-//!   log; the end is `END` in the log *and* the state IDLE.
-//! - `set open` holds the file's text of that moment until the next run ends. So the file is opened
-//!   once, in `prepare`, by a program that moves nothing; afterwards the file is replaced and run
-//!   again. After an error nothing runs until `prepare` has done so anew.
-//! - A probe move that starts in contact does not move and reports a touch where it stands.
-//! - The axes are the joints: kinematics that can be switched must be in identity mode. `prepare` reads
-//!   the mode from a HAL pin (`kinematics.rs`), as it does not show while all rotary axes are at zero;
-//!   after every block joints and axes are compared.
+//! **Properties of LinuxCNC 2.9 that the driver relies on**, all measured:
+//! - An acknowledgement is not success, and messages overwrite each other. The result is the content of the
+//!   log; a program has ended when the log has `END` *and* the state is IDLE.
+//! - `set open` holds the file's text of that moment until the next run ends. So `prepare` opens the file
+//!   once, by a program that moves nothing; afterwards the file is replaced and run again. After an error
+//!   nothing runs until `prepare` has opened the file again.
+//! - A probing move that starts in contact does not move and reports a touch at its start.
+//! - The axes are the joints: switchable kinematics must be in identity mode. `prepare` reads the mode from
+//!   a HAL pin (`kinematics.rs`), because positions do not show it while all rotary axes are at zero; after
+//!   every block joints and axes are compared.
 //! - #5401 to #5409 hold the tool table's entry of the loaded tool, also with G49; `#<_tool_offset>` is 1
 //!   while an offset is active.
-//! - `get` is answered from a copy of the task's state. Of a frozen or killed task the copy stays as it
-//!   was, and the answers go on; motion goes on too, up to the end of what it has or to a contact. Only
-//!   a `set` waits for the task. So a program that seems to stand still is asked for a sign of life.
-//! - An emergency stop ends a program without a message, and without losing the homing.
-//! - A killed linuxcncrsh, or a killed `trued`, stops nothing: the control finishes the program part it
-//!   has (descent, touch, back-off). It is a part of one touch, which guards itself; nothing follows it.
-//! - Where the axes stand while they move it tells a few times a second at most, and at no known time.
-//!   Scans in motion need HAL's `sampler`, which stamps each period of the servo thread (`sampler/`).
+//! - `get` is answered from a copy of the task's state. If the task is frozen or killed, the copy stays as
+//!   it was, and the answers continue; the motion continues too, to the end of its queue or to a contact.
+//!   Only a `set` waits for the task. So the driver requests a sign of life when a program makes no visible
+//!   progress.
+//! - An emergency stop ends a program without a message, and does not clear the homing.
+//! - The end of a killed linuxcncrsh, or of a killed `trued`, stops nothing: the control finishes its
+//!   present program part (descent, touch, back-off). It is a part of one touch, which guards itself;
+//!   nothing follows it.
+//! - linuxcncrsh reports positions during motion a few times a second at most, and without a time. Scans in
+//!   motion need HAL's `sampler`, which stamps each period of the servo thread (`sampler/`).
 //! - `get spindle` and `get spindle_override` without a number crash linuxcncrsh 2.9.
 
 mod config;

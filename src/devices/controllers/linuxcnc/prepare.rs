@@ -1,16 +1,16 @@
-//! What must hold before a LinuxCNC may measure. Nothing here moves the machine.
+//! Conditions that LinuxCNC must meet before a measurement. Nothing here moves the machine.
 
 use super::kinematics::SwitchPin;
 use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use machine::Axis;
 
-/// X, Y, Z, A, B, C and the rotation.
+/// Number of values of a work offset slot: X, Y, Z, A, B, C and the rotation.
 const SLOT_NUMBERS: usize = 7;
 
-/// Reads the state: slot G59.3 (#5381 to #5386, rotation #5390), whether a tool length offset is active
-/// (`#<_tool_offset>`; #5401 to #5409 hold the table's entry of the loaded tool instead), whether programs
-/// can read HAL pins, and the mode of switchable kinematics.
+/// Returns the program that reads the state: slot G59.3 (#5381 to #5386, rotation #5390), whether a tool
+/// length offset is active (`#<_tool_offset>`; #5401 to #5409 hold the table's entry of the loaded tool
+/// instead), whether programs can read HAL pins, and the mode of switchable kinematics.
 pub(super) fn program(log: &str) -> String {
     format!(
         "%\n(trued reads the state; nothing moves)\n\
@@ -23,14 +23,14 @@ pub(super) fn program(log: &str) -> String {
     )
 }
 
-/// What the line `state` reports.
+/// State that the log line `state` reports.
 #[derive(Debug, PartialEq)]
 pub(super) struct ReportedState {
     pub version: f64,
     pub kinematics: SwitchPin,
 }
 
-/// Judge the numbers of the line `state` of a machine with `axes`.
+/// Checks the numbers of the log line `state` for a machine with `axes`.
 pub(super) fn judge(state: &[f64], axes: &[Axis]) -> Result<ReportedState, ControllerError> {
     let [version, spindle, slot @ .., tool_offset, pins, kinematics] = state else {
         return Err(ControllerError::Garbled { text: format!("state {state:?}") });
@@ -65,16 +65,16 @@ pub(super) fn judge(state: &[f64], axes: &[Axis]) -> Result<ReportedState, Contr
     Ok(ReportedState { version: *version, kinematics })
 }
 
-/// The line that sets G59.3 to zero. LinuxCNC refuses the whole line if it names an axis that the machine
-/// does not have.
+/// Returns the line that sets G59.3 to zero. LinuxCNC refuses the whole line if it names an axis that the
+/// machine does not have.
 pub(super) fn clear_slot(axes: &[Axis]) -> String {
     let axes = axes.iter().filter(|axis| **axis != Axis::S);
     let words: String = axes.map(|axis| format!("{axis}0 ")).collect();
     format!("G10 L2 P9 {words}R0")
 }
 
-/// Judge what linuxcncrsh reports of stop, power and homing of a machine with `axes`; `joints` is their
-/// number, where it is known.
+/// Checks emergency stop, power and homing, as linuxcncrsh reports them, of a machine with `axes`; `joints`
+/// is the number of its joints, if known.
 pub(super) fn judge_switches(
     estop: &str,
     machine: &str,
@@ -90,7 +90,7 @@ pub(super) fn judge_switches(
     }
     let homed: Vec<&str> = homed.split_whitespace().collect();
     let axes = axes.iter().filter(|axis| **axis != Axis::S).count();
-    // linuxcncrsh (2.9) lists one joint more than there are.
+    // linuxcncrsh (2.9) lists one joint too many.
     let joints = joints.unwrap_or(homed.len().saturating_sub(1)).max(axes);
     match (0..joints).find(|joint| homed.get(*joint) != Some(&"YES")) {
         None => Ok(()),

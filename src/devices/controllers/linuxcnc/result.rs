@@ -4,41 +4,41 @@ use crate::controllers::ControllerError;
 use machine::{Axis, Position};
 use planning::gcode::ProbeFault;
 
-/// Closer than this to where it started, a contact was there before the move, mm. A measuring touch
-/// that is this close is not one.
+/// Smallest distance of a contact from the start of its move, mm. A nearer contact was there before the
+/// move; a measuring touch with such a contact is invalid.
 const AT_ONCE_MM: f64 = 0.000_1;
 
-/// The axes of #5061 to #5066.
+/// Axes of the parameters #5061 to #5066.
 const LOGGED: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
-/// What the log says so far.
+/// Content of the log so far.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Log {
-    /// Complete lines, to see whether it grows.
+    /// Number of complete lines, which shows whether the log grows.
     pub lines: usize,
     pub ended: bool,
     pub verdict: Option<Verdict>,
-    /// The numbers of the line `state`.
+    /// Numbers of the log line `state`.
     pub state: Vec<f64>,
 }
 
 #[derive(Debug, PartialEq)]
 pub(super) enum Verdict {
-    /// Positions at the trigger.
+    /// Touch, with the position at the trigger.
     Touch(Position),
     NoContact,
-    /// A guarded move touched.
+    /// Contact during a guarded move.
     Contact,
-    /// In contact before the move began.
+    /// Contact before the move began.
     Tripped,
     /// The work offset slot is not zero.
     Offset,
-    /// The probe says so on an input.
+    /// Fault that the probe reports on an input.
     Probe(ProbeFault),
 }
 
 impl Log {
-    /// Parse what the block of `step` has written; a last line without its end is still on its way.
+    /// Parses what the block of `step` has written; a last line without a line end is still incomplete.
     pub fn parse(text: &str, step: u32) -> Result<Self, ControllerError> {
         let mut log = Self::default();
         let mut from = Vec::new();
@@ -46,7 +46,7 @@ impl Log {
             log.lines += 1;
             let (kind, rest) = line.trim().split_once(' ').unwrap_or((line.trim(), ""));
             let garbled = || ControllerError::Garbled { text: line.trim().to_owned() };
-            // Rust reads `nan` as a number; a position it is not.
+            // Rust parses `nan` as a number, but it is no position.
             let numbers: Vec<f64> = rest
                 .split_whitespace()
                 .map(str::parse)
@@ -85,7 +85,7 @@ impl Log {
     }
 }
 
-/// Of the first three coordinates; without them, far.
+/// Distance between the first three coordinates; infinite if there are fewer.
 fn distance(from: &[f64], to: &[f64]) -> f64 {
     if from.len() < 3 {
         return f64::INFINITY;

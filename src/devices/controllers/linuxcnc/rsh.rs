@@ -1,4 +1,4 @@
-//! linuxcncrsh: `get` and `set` lines, one at a time on one connection.
+//! Client of linuxcncrsh: `get` and `set` lines, one at a time on one connection.
 
 use std::time::Duration;
 
@@ -8,22 +8,23 @@ use super::not_ready::not_ready;
 use crate::controllers::{ControllerError, Halt};
 use link::{Address, Link, LinkError, Received};
 
-/// A healthy linuxcncrsh answers within 0.1 s, a task takes a command within 5 ms.
+/// Maximum time for an answer. A healthy linuxcncrsh answers within 0.1 s, and a task accepts a command
+/// within 5 ms.
 const ANSWER: Duration = Duration::from_secs(3);
-/// Nor is an answer waited for any longer than this once the machine is to hold.
+/// Maximum time for an answer once the machine is to hold.
 const UNANSWERED: Duration = Duration::from_millis(300);
 const LOOK: Duration = Duration::from_millis(20);
 
 pub(super) struct Rsh {
     pub link: Link,
-    /// Its name and version, as it says it.
+    /// Name and version that linuxcncrsh reports.
     pub server: String,
-    /// Once it is asked for, an answer that got lost is not waited for.
+    /// Halt of the machine. Once it is requested, a lost answer is not waited for.
     pub halt: Option<Halt>,
 }
 
 impl Rsh {
-    /// Connect and shake hands. This alone gives no right to command: see [`Rsh::enable`].
+    /// Connects and performs the handshake. This alone gives no right to command: see [`Rsh::enable`].
     pub async fn open(address: &Address) -> Result<Self, ControllerError> {
         let link = link::open(address).await.map_err(|error| not_there(address, error))?;
         let mut rsh = Self { link, server: String::new(), halt: None };
@@ -32,18 +33,18 @@ impl Rsh {
             return Err(refused("hello EMC trued 1.0", answer, "it wants another password"));
         };
         rsh.server = server.trim().to_owned();
-        // Not answered, but perhaps echoed.
+        // This command is not answered, but perhaps echoed.
         rsh.link.send_line("set echo off")?;
         rsh.set("verbose on").await?;
         Ok(rsh)
     }
 
-    /// Take the right to command; whoever had it has it no more.
+    /// Takes the right to command; the connection that had it loses it.
     pub async fn enable(&mut self) -> Result<(), ControllerError> {
         self.set("enable EMCTOO").await
     }
 
-    /// What stands behind the key in the answer to `get KEY`.
+    /// Returns what follows the key in the answer to `get KEY`.
     pub async fn get(&mut self, key: &str) -> Result<String, ControllerError> {
         let key = key.to_ascii_uppercase();
         let line = format!("get {key}");
@@ -55,7 +56,7 @@ impl Rsh {
         Ok(answer)
     }
 
-    /// `set` what concerns linuxcncrsh alone.
+    /// Sends a `set` that concerns linuxcncrsh alone.
     pub async fn set(&mut self, what: &str) -> Result<(), ControllerError> {
         let line = format!("set {what}");
         let key = what.split_whitespace().next().unwrap_or_default().to_ascii_uppercase();
@@ -66,7 +67,7 @@ impl Rsh {
         Err(refused(&line, answer, "it is not allowed now, or another program has taken command"))
     }
 
-    /// `set` what the task must take; linuxcncrsh acknowledges when the task has taken it.
+    /// Sends a `set` that the task must accept; linuxcncrsh acknowledges it when the task has accepted it.
     pub async fn command(&mut self, what: &str) -> Result<(), ControllerError> {
         match self.set(what).await {
             Err(ControllerError::NoAnswer { .. }) => Err(ControllerError::Frozen),
@@ -74,7 +75,7 @@ impl Rsh {
         }
     }
 
-    /// Send `line`; the rest of the first line that begins with one of `starts`.
+    /// Sends `line`; returns the rest of the first line that begins with one of `starts`.
     async fn ask(&mut self, line: &str, starts: &[&str]) -> Result<String, ControllerError> {
         self.link.send_line(line)?;
         let mut deadline = Instant::now() + ANSWER;
@@ -85,7 +86,7 @@ impl Rsh {
             let look = deadline.min(Instant::now() + LOOK);
             match self.link.recv_deadline(look).await? {
                 None if look < deadline => {}
-                // An acknowledgement ends in \n\r: the \r arrives before the next line.
+                // An acknowledgement ends in \n\r: the \r arrives at the beginning of the next line.
                 Some(Received::Line(text)) => {
                     let text = text.trim();
                     let rest = starts.iter().find_map(|start| {
@@ -94,7 +95,7 @@ impl Rsh {
                     if let Some(rest) = rest {
                         return Ok(rest.trim().to_owned());
                     }
-                    // Words of another connection's line may have got into ours (see `watch::stop`).
+                    // Words of another connection's line may be mixed into this one (see `watch::stop`).
                     if text.ends_with("NAK") {
                         return Ok("NAK".to_owned());
                     }
@@ -110,8 +111,8 @@ impl Rsh {
         }
     }
 
-    /// What it has to say to people. One slot a kind, and it overwrites: good for telling a person,
-    /// not for results.
+    /// Reads the messages for the operator. Each kind has one slot, which is overwritten: suitable for
+    /// display, not for results.
     pub async fn messages(&mut self) -> Result<Vec<String>, ControllerError> {
         let mut said = Vec::new();
         for key in ["ERROR", "OPERATOR_DISPLAY", "OPERATOR_TEXT"] {

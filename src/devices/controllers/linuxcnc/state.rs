@@ -1,16 +1,17 @@
-//! What linuxcncrsh says of the machine's state, read while it stands.
+//! State of the machine, as linuxcncrsh reports it at a standstill.
 
 use super::not_ready::not_ready;
 use super::rsh::Rsh;
 use crate::controllers::ControllerError;
 use machine::{Axis, Position};
 
-/// The order of positions in its answers, whichever axes there are.
+/// Order of the positions in the answers of linuxcncrsh, whatever axes the machine has.
 const REPORTED: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-/// An axis and its joint are the same number, but for the last printed decimal.
+/// Largest difference between an axis and its joint that counts as equal: the last printed decimal may
+/// differ.
 const SAME: f64 = 0.000_002;
 
-/// Where `axes` stand.
+/// Reads the positions of `axes`.
 pub(super) async fn stands(rsh: &mut Rsh, axes: &[Axis]) -> Result<Position, ControllerError> {
     let mm = unit_mm(rsh).await?;
     match rsh.get("user_angular_units").await?.as_str() {
@@ -25,7 +26,7 @@ pub(super) async fn stands(rsh: &mut Rsh, axes: &[Axis]) -> Result<Position, Con
     Ok(scaled.filter(|(axis, _)| axes.contains(axis)).collect())
 }
 
-/// What it counts lengths in, mm.
+/// Unit of length of the control, mm.
 pub(super) async fn unit_mm(rsh: &mut Rsh) -> Result<f64, ControllerError> {
     match rsh.get("user_linear_units").await?.as_str() {
         "MM" => Ok(1.0),
@@ -40,8 +41,8 @@ fn strange_units(unit: &str) -> ControllerError {
     not_ready(&state, "use mm or inch and degrees: LINEAR_UNITS and ANGULAR_UNITS of the INI file")
 }
 
-/// Switchable kinematics must be in identity mode: then each axis stands where its joint stands. It
-/// shows once rotary axes are away from zero, so it is looked at again and again.
+/// Checks that each axis is where its joint is, as switchable kinematics must be in identity mode. A
+/// deviation shows only while rotary axes are away from zero, so the check is repeated.
 pub(super) async fn axes_are_joints(rsh: &mut Rsh, axes: &[Axis]) -> Result<(), ControllerError> {
     let said = numbers(rsh, "abs_act_pos").await?;
     let joints = numbers(rsh, "joint_pos").await?;
@@ -55,13 +56,13 @@ pub(super) async fn axes_are_joints(rsh: &mut Rsh, axes: &[Axis]) -> Result<(), 
     ))
 }
 
-/// Whether `axes` are found among `joints` in their order; a gantry has joints between.
+/// Whether `axes` are found among `joints` in their order; a gantry has more joints in between.
 fn each_follows(axes: impl Iterator<Item = f64>, joints: &[f64]) -> bool {
     let mut joints = joints.iter();
     axes.into_iter().all(|axis| joints.any(|joint| (axis - joint).abs() < SAME))
 }
 
-/// The touching speed decides how late a contact is seen.
+/// Checks that the feed override is 100 %: the touching speed determines how late a contact is detected.
 pub(super) async fn full_speed(rsh: &mut Rsh) -> Result<(), ControllerError> {
     let percent = rsh.get("feed_override").await?;
     if percent == "100" {
@@ -71,7 +72,7 @@ pub(super) async fn full_speed(rsh: &mut Rsh) -> Result<(), ControllerError> {
     Err(not_ready(&state, "set it to 100 %: a contact is seen later at another speed"))
 }
 
-/// That a run will run our program, and not one that somebody else has opened meanwhile.
+/// Checks that a run will execute this program, and not one that another client has opened meanwhile.
 pub(super) async fn opened(rsh: &mut Rsh, program: &str) -> Result<(), ControllerError> {
     let open = rsh.get("program").await?;
     if open == program {
@@ -85,7 +86,7 @@ pub(super) async fn numbers(rsh: &mut Rsh, key: &str) -> Result<Vec<f64>, Contro
     reported(&rsh.get(key).await?)
 }
 
-/// The numbers of an answer, one for each axis that it may report.
+/// Parses the numbers of an answer, one for each axis that may be reported.
 pub(super) fn reported(said: &str) -> Result<Vec<f64>, ControllerError> {
     let numbers: Result<Vec<f64>, _> = said.split_whitespace().map(str::parse).collect();
     let are_whole = |numbers: &Vec<f64>| {

@@ -1,5 +1,5 @@
-//! The driver against a linuxcncrsh that is nothing but words, as the real one says them; a test makes it
-//! odd. What the real one does is tried in `tests/interop/linuxcnc`.
+//! Tests of the driver against a scripted linuxcncrsh that sends the lines of the real one; a test replaces
+//! some of its answers. `tests/interop/linuxcnc` tests the behaviour of the real one.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -19,18 +19,18 @@ use planning::gcode::Transmission;
 use planning::proof::for_tests::{dialect, proven_block, proven_block_from};
 use planning::proof::{ProvenBlock, prove_modes};
 
-/// Asked before the healthy control is: the connection (the second is the one for holds), the line.
+/// Called before the healthy control: index of the connection (the second is the one for holds), line.
 type Odd = Box<dyn FnMut(usize, &str) -> Option<&'static str> + Send>;
 
-/// The numbers of the line `state`: no offset, kinematics of type 0.
+/// Numbers of the log line `state`: no offset, kinematics of type 0.
 const READY: &str = "2.9 0 0 0 0 0 0 0 0 0 1 0";
 
-/// What became of the machine.
+/// State of the scripted machine.
 #[derive(Default)]
 struct Machine {
     program: String,
     state: &'static str,
-    /// The log of its programs that move, and where they end; without it they go on and on.
+    /// Log of its programs that move, and the position at which they end; if `None`, they never end.
     ends: Option<(&'static str, f64)>,
     moves: bool,
     x: f64,
@@ -111,7 +111,7 @@ async fn talk(
     }
 }
 
-/// A driver that is prepared, its halt, and the machine.
+/// A prepared driver, its halt, and the machine.
 async fn prepared(
     directory: &tempfile::TempDir,
     ends: Option<(&'static str, f64)>,
@@ -152,7 +152,7 @@ async fn opened(
     (driver, halt, machine)
 }
 
-/// Kinematics `xyzbc-trt-kins sparm=identityfirst`, five joints.
+/// INI file with kinematics `xyzbc-trt-kins sparm=identityfirst`, five joints.
 fn rig_ini() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/peers/linuxcnc/rig.ini")
 }
@@ -161,13 +161,13 @@ fn to(x_mm: f64) -> Position {
     Position::new().with(Axis::X, x_mm)
 }
 
-/// As it is sent to this control; no bodies are looked at.
+/// Proves the block for the transmission of this control; bodies are not checked.
 fn proven(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
     let dialect = dialect("linuxcnc").unwrap();
     proven_block(block, &driver.settings.axes, &dialect, &driver.transmission()).unwrap()
 }
 
-/// To X 60 and guarded to X 30.
+/// Rapid move to X 60 and guarded move to X 30.
 fn guarded() -> Block {
     let motions =
         vec![Motion::Rapid { to: to(60.0) }, Motion::Guarded { to: to(30.0), feed_mm_min: 300.0 }];
@@ -184,7 +184,8 @@ async fn halted(mut driver: LinuxCnc, halt: Halt) -> Result<Outcome, ControllerE
     outcome
 }
 
-/// Words of one line get into another: each of these answers is one that a `strtok` in two threads gives.
+/// Words of one line are mixed into another: each of these answers is one that `strtok` in two threads can
+/// give.
 #[tokio::test]
 async fn a_hold_is_seen_through_whatever_is_answered() {
     let directory = tempfile::tempdir().unwrap();
@@ -256,7 +257,7 @@ async fn the_program_that_it_runs_is_the_proven_text() {
     assert!(ran.contains("X30"), "{ran}");
 }
 
-/// The log says that all went well; it is the interpreter's.
+/// The log, which the interpreter writes, reports success.
 #[tokio::test]
 async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
     let directory = tempfile::tempdir().unwrap();
@@ -285,7 +286,7 @@ async fn compensating_kinematics_are_refused_where_all_rotary_axes_are_at_zero()
     let (mut driver, _, machine) = opened(&directory, None, |_, _| None).await;
     for (state, ini, expected) in [
         ("2.9 0 0 0 0 0 0 0 0 0 1 1", Some(rig_ini()), Some("M429")),
-        // HAL pins are not readable; no INI file says what the numbers mean.
+        // HAL pins are not readable; without an INI file the meaning of the numbers is unknown.
         ("2.9 0 0 0 0 0 0 0 0 0 0 -1", Some(rig_ini()), Some("HAL_PIN_VARS")),
         (READY, None, Some("[controller] ini")),
         (READY, Some(rig_ini()), None),
@@ -303,7 +304,8 @@ async fn compensating_kinematics_are_refused_where_all_rotary_axes_are_at_zero()
     }
 }
 
-/// The rotary axes are away from zero and the axes are the joints: that is identity, whatever the INI file says.
+/// The rotary axes are away from zero and each axis is where its joint is: that is identity mode, whatever
+/// the INI file has.
 #[tokio::test]
 async fn identity_that_shows_needs_no_ini_file() {
     let directory = tempfile::tempdir().unwrap();
@@ -324,7 +326,7 @@ async fn a_touch_at_another_feed_override_is_not_kept() {
     let mut runs = 0;
     let (mut driver, ..) = prepared(&directory, Some((touch, 28.0)), move |_, line| {
         runs += u32::from(line == "set run");
-        // The first program moves nothing.
+        // The first program of the driver moves nothing.
         (line == "get FEED_OVERRIDE" && runs > 1).then_some("FEED_OVERRIDE 120\r\n")
     })
     .await;
@@ -335,7 +337,7 @@ async fn a_touch_at_another_feed_override_is_not_kept() {
     assert!(error.to_string().contains("at 120 %"), "{error}");
 }
 
-/// LinuxCNC aborts at the edge of the input by itself; this holds where it does not.
+/// LinuxCNC itself aborts at the edge of the input; this test covers the case in which it does not.
 #[tokio::test]
 async fn a_contact_while_a_rotary_axis_turns_at_feed_aborts() {
     let directory = tempfile::tempdir().unwrap();

@@ -1,8 +1,9 @@
-//! Runs a program and watches it: that it moves, and that LinuxCNC's task is alive.
+//! Runs a program and watches that it moves and that LinuxCNC's task is alive.
 //!
-//! linuxcncrsh answers `get` from a copy of the task's state. When the task is frozen or dead the
-//! copy grows old and the answers go on. Only what the task must acknowledge proves that it lives: a
-//! `set` waits for it. So when nothing has changed for [`QUIET`], a setting is set to what it is.
+//! linuxcncrsh answers `get` from a copy of the task's state. If the task is frozen or dead, the copy
+//! becomes outdated and the answers continue. Only an acknowledgement of the task proves that it is alive:
+//! a `set` waits for it. So after [`QUIET`] without a change, the driver sets a setting to its present
+//! value.
 
 use std::time::Duration;
 
@@ -17,18 +18,21 @@ use machine::record::motion::Motion;
 use machine::{Axis, Position};
 use planning::gcode::Unit;
 
-/// LinuxCNC's task runs every 5 ms in its own samples.
+/// Polling interval. LinuxCNC's task runs every 5 ms in its own samples.
 const POLL: Duration = Duration::from_millis(4);
-/// Idle for so long without the log's end, and again after a sign of life: the program was stopped.
+/// Time idle without the log's end, before and again after a sign of life, after which the program counts
+/// as stopped.
 const STOPPED: Duration = Duration::from_millis(60);
-/// After so long without a change it is asked for a sign of life, and again each time.
+/// Time without a change after which a sign of life is requested, and interval of the requests.
 const QUIET: Duration = Duration::from_secs(1);
-/// Alive, running, and neither moving nor logging for so long: something holds it.
+/// Maximum time for which a running program on a live task may neither move nor log: after it something
+/// holds the program.
 const STALL: Duration = Duration::from_secs(10);
 
-/// A machine that was told to hold stands after this, from any speed.
+/// Maximum time for the machine to come to rest after a hold, from any speed.
 const BRAKES: Duration = Duration::from_secs(5);
-/// A task shows its state anew within this, and feedback is so quiet at rest, mm or degrees.
+/// Maximum time until the task updates its reported state. `AT_REST` is the largest change of the feedback
+/// at rest, mm or degrees.
 const SHOWN: Duration = Duration::from_millis(30);
 const AT_REST: f64 = 0.01;
 
@@ -36,17 +40,18 @@ const AT_REST: f64 = 0.01;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Watched<'a> {
     pub step: u32,
-    /// How long it may do nothing, beside [`STALL`].
+    /// Time without motion that the program may need, in addition to [`STALL`].
     pub rests: Duration,
-    /// Where its rotary axes end, if it turns one at feed: a contact before they are there is unexpected.
+    /// End position of its rotary axes, if one of them turns at feed: a contact before that position is
+    /// unexpected.
     pub turns_to: Option<&'a Position>,
 }
 
-/// How long a program stands still by itself.
+/// Time for which a program is at rest by itself.
 pub(super) fn rests(part: &Unit) -> Duration {
     let seconds = part.motions.iter().map(|motion| match motion {
         Motion::Dwell { seconds } => seconds.max(0.0),
-        // As long as the dialect lets it take.
+        // Maximum time that the dialect allows.
         Motion::Orient { .. } => 20.0,
         _ => 0.0,
     });
@@ -54,11 +59,11 @@ pub(super) fn rests(part: &Unit) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
 }
 
-/// Run the program that is open and wait until it stands still. What has ended is told, also if `halt`
-/// came beside it.
+/// Runs the open program and waits until the machine is at rest. If the program has ended, its log is
+/// returned even if `halt` came meanwhile.
 ///
 /// # Errors
-/// A contact, where the probe is read; what holds the program; a halt; the link.
+/// A contact, if the probe is read; an obstacle that holds the program; a halt; a fault of the link.
 pub(super) async fn run(
     rsh: &mut Rsh,
     files: &Files,
@@ -80,7 +85,7 @@ pub(super) async fn run(
         let log = files.log(step)?;
         match status.as_str() {
             "IDLE" if log.ended => return Ok(log),
-            // What is measured is kept, unless it does not come to its end at once.
+            // A measured result is kept, unless the program does not end at once.
             _ if halt.is_halted()
                 && (!log.ended
                     || halted_since.get_or_insert_with(Instant::now).elapsed() > STOPPED) =>
@@ -108,7 +113,7 @@ pub(super) async fn run(
     }
 }
 
-/// Whether the probe reads closed before the rotary axes have come to `ends`. The touch of the same program
+/// Whether the probe reads closed before the rotary axes have reached `ends`. The touch of the same program
 /// begins after that.
 async fn touches_in_turn(rsh: &mut Rsh, ends: &Position) -> Result<bool, ControllerError> {
     if rsh.get("probe_value").await? == "0" {
@@ -119,11 +124,11 @@ async fn touches_in_turn(rsh: &mut Rsh, ends: &Position) -> Result<bool, Control
     Ok(way::away_from(ends, &stands).is_some())
 }
 
-/// How long nothing has changed.
+/// Time without a change.
 struct Still {
     since: Instant,
     last: (String, usize),
-    /// When it was last asked for a sign of life.
+    /// Time of the last request for a sign of life.
     asked: Instant,
 }
 
@@ -157,8 +162,9 @@ impl Still {
     }
 }
 
-/// On a computer that is late, idle may be from before the program began, and a message still on its way:
-/// a task that takes a command has shown its state anew. While it is stopped it refuses.
+/// Ensures that the reported state is current. On a slow computer, idle may date from before the program
+/// began, and a message may be outstanding: a task that accepts a command has updated its state. While it
+/// is stopped, it refuses the command.
 async fn settle(rsh: &mut Rsh) -> Result<(), ControllerError> {
     match sign_of_life(rsh).await {
         Err(ControllerError::Refused { .. }) => Ok(()),
@@ -166,23 +172,23 @@ async fn settle(rsh: &mut Rsh) -> Result<(), ControllerError> {
     }
 }
 
-/// Set a harmless setting to what it is. The task must acknowledge that; it is done at once, also
+/// Sets a harmless setting to its present value. The task must acknowledge it, which it does at once, also
 /// while a program runs. (`set mode auto` is not harmless: it aborts.)
 pub(super) async fn sign_of_life(rsh: &mut Rsh) -> Result<(), ControllerError> {
     let stop = rsh.get("optional_stop").await?;
     rsh.command(&format!("optional_stop {stop}")).await
 }
 
-/// See a hold through until the machine stands. The one that went ahead on a connection of its own may be
-/// lost: linuxcncrsh (2.9) has a thread for each connection and parses in all of them with one `strtok`, so
-/// that of two lines that come together one, or both, may be answered as others (two holds of 125 were
-/// lost under load; on the wire of one stood `SET NAK`). What is answered oddly, or not, is asked again.
+/// Repeats a hold until the machine is at rest. The first hold, on a connection of its own, may be lost:
+/// linuxcncrsh (2.9) has a thread for each connection and parses in all of them with one `strtok`, so that
+/// of two lines that come together one or both may be answered as other lines (two holds of 125 were lost
+/// under load; the answer to one was `SET NAK`). A request with an odd answer, or with none, is repeated.
 ///
 /// # Errors
-/// In the end it has not taken an abort, or does not stand; the link.
+/// The control has not accepted an abort in time, or the machine is not at rest; a fault of the link.
 pub(super) async fn stop(rsh: &mut Rsh) -> Result<(), ControllerError> {
     let deadline = Instant::now() + BRAKES;
-    // Let the hold be alone.
+    // Wait, so that the first hold is processed alone.
     sleep(SHOWN).await;
     while Instant::now() < deadline {
         if heard(rsh.enable().await)?.is_some()
@@ -191,7 +197,7 @@ pub(super) async fn stop(rsh: &mut Rsh) -> Result<(), ControllerError> {
         {
             return Ok(());
         }
-        // It refuses everything then, and stands.
+        // A control that is off refuses everything, and its machine is at rest.
         if heard(is_off(rsh).await)? == Some(true) {
             return Ok(());
         }
@@ -199,7 +205,7 @@ pub(super) async fn stop(rsh: &mut Rsh) -> Result<(), ControllerError> {
     Err(ControllerError::NotHeld { seconds: BRAKES.as_secs_f64() })
 }
 
-/// Seen three times: one look may be older than the other.
+/// Whether three reports in a row show no motion: a report may be older than the one before.
 async fn at_rest(rsh: &mut Rsh) -> Result<bool, ControllerError> {
     let mm = state::unit_mm(rsh).await?;
     let mut before = state::numbers(rsh, "abs_act_pos").await?;
@@ -219,7 +225,7 @@ async fn is_off(rsh: &mut Rsh) -> Result<bool, ControllerError> {
     Ok(rsh.get("estop").await? != "OFF" || rsh.get("machine").await? != "ON")
 }
 
-/// What was told, if it was; an odd answer or none is `None`, a lost link an error.
+/// Returns `None` for an odd answer or for none; a lost link is an error.
 fn heard<T>(told: Result<T, ControllerError>) -> Result<Option<T>, ControllerError> {
     use ControllerError as E;
     match told {

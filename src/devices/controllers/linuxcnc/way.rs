@@ -1,5 +1,5 @@
-//! Where the motions of a program lead: whether the machine came there, and whether a contact lies on the
-//! way. The control's log is written by its interpreter, which can be ahead of the machine.
+//! Path of a program's motions: whether the machine has reached its end, and whether a contact is on the
+//! path. The control's log is written by its interpreter, which can be ahead of the machine.
 
 use std::f64::consts::TAU;
 
@@ -7,7 +7,7 @@ use crate::controllers::{ControllerError, arrival};
 use machine::record::motion::Motion;
 use machine::{Axis, Position};
 
-/// That the machine `stands` where `motions` end; a probing move ends where its contact is.
+/// Error if the position `stands` is not the end of `motions`; a probing move ends at its contact.
 pub(super) fn astray(motions: &[Motion], stands: &Position) -> Option<ControllerError> {
     let moving = motions.iter().rev().find(|motion| target(motion).is_some());
     if moving.is_none_or(|last| matches!(last, Motion::Probe { .. })) {
@@ -16,12 +16,12 @@ pub(super) fn astray(motions: &[Motion], stands: &Position) -> Option<Controller
     away_from(&after(motions), stands)
 }
 
-/// That the machine `stands` elsewhere than at `end`.
+/// Error if the position `stands` is not `end`.
 pub(super) fn away_from(end: &Position, stands: &Position) -> Option<ControllerError> {
     arrival::astray(end, &turned(stands, end), |axis| arrival::tolerance(axis, None))
 }
 
-/// Where the rotary axes of `motions` end, if one of them turns at feed.
+/// End position of the rotary axes of `motions`, if one of them turns at feed.
 pub(super) fn end_of_turns(motions: &[Motion]) -> Option<Position> {
     let is_rotary = |axis: Axis| !axis.is_linear() && axis != Axis::S;
     let turns_at_feed = motions.iter().any(|motion| match motion {
@@ -31,11 +31,11 @@ pub(super) fn end_of_turns(motions: &[Motion]) -> Option<Position> {
     turns_at_feed.then(|| after(motions).only(is_rotary))
 }
 
-/// That the contact at `at` lies between where the probing move of `motions` began and its target.
+/// Error if the contact at `at` is not between the start of the probing move of `motions` and its target.
 pub(super) fn off_the_way(motions: &[Motion], at: &Position) -> Option<ControllerError> {
     let probing = motions.iter().position(|motion| matches!(motion, Motion::Probe { .. }))?;
     let (from, to) = (after(&motions[..probing]), after(&motions[..=probing]));
-    // Where an axis was before the first motion is not known here.
+    // The position of an axis before the first motion is not known here.
     let at = turned(at, &to).only(|axis| from.iter().any(|(known, _)| known == axis));
     if at.is_empty() {
         return None;
@@ -43,7 +43,7 @@ pub(super) fn off_the_way(motions: &[Motion], at: &Position) -> Option<Controlle
     arrival::off_the_way(&from, &to, &at, |axis| arrival::tolerance(axis, None))
 }
 
-/// Where each axis that is moved by `motions` is in the end.
+/// End position of each axis that `motions` move.
 fn after(motions: &[Motion]) -> Position {
     let targets = motions.iter().filter_map(target);
     targets.flat_map(Position::iter).fold(Position::new(), |at, (axis, value)| at.with(axis, value))
@@ -60,8 +60,8 @@ fn target(motion: &Motion) -> Option<&Position> {
     }
 }
 
-/// `stands` with its rotary axes told as near `end` as whole turns make them: a rotary axis may be one that
-/// wraps.
+/// Returns `stands` with its rotary axes shifted by whole turns to be nearest to `end`: a rotary axis may
+/// wrap.
 fn turned(stands: &Position, end: &Position) -> Position {
     let near = |value: f64, wanted: f64| value + ((wanted - value) / TAU).round() * TAU;
     let ends: Vec<_> = end.iter().collect();
@@ -102,7 +102,7 @@ mod tests {
     fn a_touch_ends_anywhere_but_its_contact_lies_on_its_way() {
         assert!(astray(&touch(), &at(28.0, -90.0)).is_none());
         assert!(off_the_way(&touch(), &at(28.0, -90.0)).is_none());
-        // The result of another touch.
+        // Result of another touch.
         assert!(off_the_way(&touch(), &at(-28.0, -90.0)).is_some());
         assert!(off_the_way(&touch(), &at(28.0, 30.0)).is_some());
     }

@@ -1,4 +1,4 @@
-//! `[controller]` of kind `modbus`.
+//! Keys of `[controller]` of kind `modbus`.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -41,14 +41,14 @@ fn dialect() -> String {
 pub struct Config {
     pub(super) device: Device,
     pub(super) map: Map,
-    /// A resident program behind the window, instead of lines.
+    /// Resident program behind the window, used instead of lines.
     pub(super) program: Option<Arc<Program>>,
     pub(super) dialect: String,
 }
 
 type Behind = (Map, Option<Arc<Program>>);
 
-/// The window, and what is behind it.
+/// Converts the keys to the register map of the window, and to the resident program if there is one.
 fn window(registers: map::keys::Keys, program: Option<program::Keys>) -> Result<Behind, String> {
     let Some(keys) = program else { return Ok((registers.try_into()?, None)) };
     let map = registers.of_program()?;

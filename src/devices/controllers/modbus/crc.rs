@@ -1,4 +1,4 @@
-//! CRC-16/MODBUS of a chunk's text: polynomial 0x8005 reflected, begins with all ones.
+//! CRC-16/MODBUS of a chunk's text: reflected polynomial 0x8005, initial value all ones.
 
 pub(super) fn crc(text: &[u8]) -> u16 {
     text.iter().fold(0xFFFF, |crc, byte| {

@@ -1,5 +1,6 @@
-//! Why no control answers behind the window, or none that makes sense. Only reads, and under its own number
-//! at first; other units, speeds and languages are tried with leave alone.
+//! Finds out why no control answers behind the window, or why its answers make no sense. Only reads, at
+//! first under the configured unit number; other units, baud rates and protocols are tried only if the operator
+//! permits it.
 
 use std::time::Duration;
 
@@ -13,10 +14,10 @@ use link::modbus::{Allowed, Framing, Line, Modbus, ModbusError, Parity, Range, S
 use link::{Address, Named};
 use machine::record::machine::Machine;
 
-/// Units that people give first. Each takes a quarter of a second where nobody answers.
+/// Unit numbers that are tried on a serial line. Each takes a quarter of a second without an answer.
 const UNITS: std::ops::RangeInclusive<u8> = 1..=16;
 const TCP_UNITS: [u8; 4] = [255, 1, 0, 2];
-/// A heart that beats once a second is seen to.
+/// Time within which a heartbeat of one beat a second must change.
 const BEAT: Duration = Duration::from_millis(1200);
 
 impl Config {
@@ -48,7 +49,7 @@ impl Config {
         }
     }
 
-    /// Only to read, wherever.
+    /// Opens a connection that may only read, at any address.
     async fn look(&self) -> Result<Modbus, ModbusError> {
         let all = |space| Range { space, first: 0, last: u16::MAX };
         let read = vec![all(Space::Input), all(Space::Holding)];
@@ -80,7 +81,7 @@ impl Config {
         vec![shifted()]
     }
 
-    /// What changes in a status whose heartbeat does not.
+    /// Finds the registers that change in a status whose heartbeat does not.
     async fn heart(&self) -> Vec<Suspicion> {
         let Ok(modbus) = self.look().await else { return Vec::new() };
         let Some(before) = status(&modbus, &self.map).await else { return Vec::new() };
@@ -126,7 +127,7 @@ impl Config {
         }
     }
 
-    /// Who else answers, and how.
+    /// Searches for other units, settings and protocols that answer.
     async fn elsewhere(&self, failed: &ControllerError) -> Vec<Suspicion> {
         let found = match self.device.line.at.address() {
             Ok(Address::Serial { path, baud }) => self.on_the_line(&path, baud).await,
@@ -194,7 +195,7 @@ async fn status(modbus: &Modbus, map: &Map) -> Option<Vec<u16>> {
     modbus.read(map.status.space, first, count).await.ok()
 }
 
-/// Lines where a resident program is told, or the other way round.
+/// Suspected cause: lines are configured, but a resident program is behind the window; or the reverse.
 async fn other_window(modbus: &Modbus, map: &Map) -> Option<Suspicion> {
     let at = &map.status.version;
     let block = modbus.read(map.status.space, at.address, at.count()).await.ok()?;

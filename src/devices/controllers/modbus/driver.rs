@@ -1,4 +1,4 @@
-//! The driver: blocks in, outcomes out.
+//! Driver: executes proven blocks and returns their outcomes.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -21,38 +21,38 @@ use machine::record::motion::{Motion, Outcome};
 use machine::{Axis, Position};
 use planning::proof::{ProvenBlock, ProvenModes};
 
-/// A spindle may take this long to find its orientation.
+/// Maximum time that the spindle needs to reach its orientation.
 pub(super) const ORIENT: Duration = Duration::from_secs(30);
-/// A probe may bounce this long after it came free.
+/// Maximum time that a probe bounces after it has come free.
 const SETTLE: Duration = Duration::from_millis(300);
 
-/// The driver of one control.
+/// Driver of one control behind a Modbus window.
 pub struct ModbusControl {
     pub(super) window: Window,
     pub(super) modes: ProvenModes,
     pub(super) machine: Machine,
-    /// Where it is, for the record.
+    /// Address of the control, for the record.
     pub(super) name: String,
-    /// Axes that the machine file names, without the spindle.
+    /// Axes of the machine file, without the spindle.
     pub(super) wanted: Vec<Axis>,
-    /// How far from its target each may stand, mm or rad.
+    /// Largest permitted distance of each axis from its target, mm or rad.
     tolerance: BTreeMap<Axis, f64>,
-    /// Where the machine last stood still.
+    /// Last position of the machine at a standstill.
     pub(super) stood: Position,
-    /// Prepared, and no fault since.
+    /// Whether the control is prepared and no fault has occurred since.
     ready: bool,
     pub(super) spindle: Option<f64>,
     pub(super) clock: ControlClock,
-    /// What a block is executed by; otherwise by its lines.
+    /// Resident program that executes the blocks; if `None`, their lines are sent.
     pub(super) program: Option<Arc<Program>>,
 }
 
 impl ModbusControl {
-    /// Open the window of `machine`'s control; the halt that holds it. Nothing is commanded yet.
-    /// After a halt the link writes nothing any more: a new run opens a new one.
+    /// Opens the window of `machine`'s control; also returns the halt that holds the machine. Nothing is
+    /// commanded yet. After a halt the link writes nothing more: a new run opens a new link.
     ///
     /// # Errors
-    /// What opening says; an axis that the register map does not tell.
+    /// The link cannot be opened, or the register map lacks an axis.
     pub async fn open(
         config: &Config,
         machine: &Machine,
@@ -95,13 +95,13 @@ impl ModbusControl {
         Ok((driver, halt))
     }
 
-    /// Wait otherwise than by default.
+    /// Replaces the default timeouts.
     pub fn with_patience(mut self, patience: Patience) -> Self {
         self.window.patience = patience;
         self
     }
 
-    /// The lines of one motion; the status after the last.
+    /// Sends the lines of one motion; returns the status after the last line.
     async fn send(&mut self, lines: &Lines<'_>) -> Result<Status, ControllerError> {
         let still = standstill(lines.motion) + lines.clamps_rest;
         let mut status = None;
@@ -111,7 +111,8 @@ impl ModbusControl {
         self.rests(status).await
     }
 
-    /// `seen`: how the machine stood after the motion before, if that was asked. The same of this one.
+    /// Executes one motion. `seen` is the status after the previous motion, if it was read. Returns the
+    /// status after this motion.
     async fn act(
         &mut self,
         lines: &Lines<'_>,
@@ -127,7 +128,8 @@ impl ModbusControl {
                 Ok(status)
             }
             Motion::Rapid { to } | Motion::Feed { to, .. } => {
-                // The control does not stop it on a contact: the status shows one, and the driver holds.
+                // The control does not stop the move on a contact: the status shows the contact, and the
+                // driver holds.
                 self.window.free = Some(step);
                 let sent = self.send(lines).await;
                 self.window.free = None;
@@ -154,7 +156,7 @@ impl ModbusControl {
         }
     }
 
-    /// How the machine stands, asked unless it was `seen` since it last moved.
+    /// Status at a standstill; read from the control unless `seen` was read after the last motion.
     async fn rests(&mut self, seen: Option<Status>) -> Result<Status, ControllerError> {
         match seen {
             Some(status) => Ok(status),
@@ -162,7 +164,8 @@ impl ModbusControl {
         }
     }
 
-    /// A probing move: whether it met something. The control counts its contacts, `seen` those before.
+    /// Executes a probing move and returns whether there was a contact. The control counts its contacts;
+    /// `seen` has the count before the move.
     async fn probe(
         &mut self,
         lines: &Lines<'_>,
@@ -211,12 +214,12 @@ impl ModbusControl {
         Ok(status)
     }
 
-    /// Only the axes that the machine has.
+    /// Restricts a position to the axes of the machine.
     pub(super) fn of_machine(&self, told: &Position) -> Position {
         told.only(|axis| self.wanted.contains(&axis))
     }
 
-    /// The machine stands where it was sent, as `status` says.
+    /// Checks that the machine is at its target, by `status`.
     pub(super) fn arrive(
         &mut self,
         status: Status,
@@ -229,11 +232,12 @@ impl ModbusControl {
     }
 
     pub(super) fn tolerance(&self, axis: Axis) -> f64 {
-        // Axes that the machine file does not name do not matter.
+        // Axes that the machine file does not name are not checked.
         self.tolerance.get(&axis).copied().unwrap_or(f64::INFINITY)
     }
 
-    /// The probe reads open in the status just `seen`, or does so before long; the status that shows it.
+    /// Waits until the probe reads open, first in the status `seen`; returns the status that shows it. An
+    /// error after `SETTLE`.
     pub(super) async fn open_probe(
         &mut self,
         step: u32,
@@ -267,7 +271,7 @@ impl ModbusControl {
         Ok(outcome)
     }
 
-    /// The time of a contact at `latch_s`, or else of `status`, where the control reports them.
+    /// Time of a contact, `latch_s`, or else the time of `status`, if the control reports them.
     pub(super) fn time_s(
         &mut self,
         latch_s: Option<f64>,
@@ -277,7 +281,7 @@ impl ModbusControl {
         self.clock.checked(contact, ReportedTime { name: "time_s", t_s: status.time_s })
     }
 
-    /// Before a block moves: no fault of the probe, probe open, the machine where the block begins.
+    /// Checks before a block moves: no fault of the probe, probe open, machine at the start of the block.
     pub(super) async fn begin(&mut self, block: &ProvenBlock) -> Result<(), ControllerError> {
         let mut status = self.window.idle().await?;
         self.probe_health(&status)?;
@@ -292,8 +296,8 @@ impl ModbusControl {
         astray.next().map_or(Ok(()), |error| Err(moved_by_hand(error)))
     }
 
-    /// After any fault nothing is sent until `prepare`. Where it is not certain that the machine
-    /// stands, it is held; then only a new link takes lines again.
+    /// After any fault nothing is sent until `prepare`. If it is not certain that the machine is at rest,
+    /// the driver holds it; after that only a new link accepts lines.
     fn failed(&mut self, error: ControllerError) -> ControllerError {
         self.ready = false;
         if !stands_after(&error) {
@@ -350,7 +354,7 @@ impl Driver for ModbusControl {
     }
 }
 
-/// How long a motion may take while the control stands.
+/// Maximum time of a motion during which the machine is at rest.
 fn standstill(motion: &Motion) -> Duration {
     match motion {
         Motion::Dwell { seconds } => Duration::try_from_secs_f64(*seconds).unwrap_or_default(),

@@ -1,4 +1,4 @@
-//! From what the control says, or does not say, to the error that the person is told.
+//! Converts a control's reports, or its silence, to errors for the operator.
 
 use std::time::Duration;
 
@@ -6,14 +6,14 @@ use super::status::{State, Status};
 use crate::controllers::ControllerError;
 use link::modbus::ModbusError;
 
-/// An alarm while the probe was closed before a probing move.
+/// Alarm code: the probe was closed before a probing move.
 pub(super) const PROBE_CLOSED: u16 = 4;
-/// An alarm of a resident program: after the back-off the probe did not come free.
+/// Alarm code of a resident program: the probe did not come free after the back-off.
 pub(super) const STILL_CLOSED: u16 = 11;
-/// A hold because trued's heartbeat stopped.
+/// Alarm code of a hold because trued's heartbeat stopped.
 const HEARTBEAT_LOST: u16 = 64;
 
-/// The numbers are Grbl's where Grbl has one.
+/// Meaning of an alarm code; the codes are those of Grbl if Grbl has the alarm.
 fn alarm_meaning(code: u16) -> &'static str {
     match code {
         1 => "a hard limit, or a drive that stalled",
@@ -65,7 +65,7 @@ pub(super) fn reset() -> ControllerError {
     ControllerError::Reset { banner: "its sequence begins again".to_owned() }
 }
 
-/// A state that the run did not ask for ends it.
+/// Returns an error for a state that the run has not commanded.
 pub(super) fn ends_it(status: &Status) -> Result<(), ControllerError> {
     match status.state {
         State::Idle | State::Running => Ok(()),
@@ -81,7 +81,7 @@ pub(super) fn ends_it(status: &Status) -> Result<(), ControllerError> {
     }
 }
 
-/// The control is there but will not move.
+/// Error for a control that answers but will not move in its present state; `None` if it is idle.
 pub(super) fn not_ready(status: &Status) -> Option<ControllerError> {
     let (state, remedy) = match status.state {
         State::Idle => return None,
@@ -97,13 +97,13 @@ pub(super) fn not_ready(status: &Status) -> Option<ControllerError> {
     Some(ControllerError::NotReady { state: state.to_owned(), remedy: remedy.to_owned() })
 }
 
-/// Before anything moves.
+/// Checks that the probe is open before the first motion.
 pub(super) fn probe_open(status: &Status) -> Result<(), ControllerError> {
     if status.probe_closed { Err(ControllerError::ProbeClosed) } else { Ok(()) }
 }
 
-/// A fault of the wire that a question asked again may not meet: nothing is known to be wrong with
-/// the connection or the device. 5 and 6: the device takes its time.
+/// Whether a fault of the wire may be absent when the request is repeated: nothing shows that the
+/// connection or the device is faulty. Codes 5 and 6: the device needs more time.
 pub(super) fn may_pass(error: &ModbusError) -> bool {
     match error {
         ModbusError::NotReadBack { source, .. } => may_pass(source),
@@ -113,7 +113,8 @@ pub(super) fn may_pass(error: &ModbusError) -> bool {
     }
 }
 
-/// Faults that the control itself reports at a standstill, and those for which a hold has gone out.
+/// Whether the machine is at rest after `error`: the control reports the fault at a standstill, or a hold
+/// was sent.
 pub(super) fn stands_after(error: &ControllerError) -> bool {
     use ControllerError as E;
     matches!(

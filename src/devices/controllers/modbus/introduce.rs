@@ -1,4 +1,4 @@
-//! What it says of itself: the registers of its status, once.
+//! Properties that the control reports: the registers of its status, read once.
 
 use super::driver::ModbusControl;
 use super::otherwise::BEYOND;

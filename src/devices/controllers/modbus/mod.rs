@@ -1,17 +1,18 @@
-//! A control, or a PLC before one, that takes lines of text through a window of Modbus registers, and
-//! shows its state in another. The window is ours; `docs/line-window.md` publishes it. Over RTU and TCP.
+//! Driver of a control, or of a PLC in front of it, that receives lines of text through a window of Modbus
+//! registers, and reports its state in another. This project defines the window; `docs/line-window.md`
+//! publishes it. Over RTU and TCP.
 //!
-//! - **A chunk counts once.** It is laid down, read back, and acted upon when its sequence is written.
-//!   The control takes each sequence but once, and only the one that follows. So what was not answered
-//!   may be written again, and a late request cannot move anything a second time.
-//! - **The status is one block**, read at once. Head and tail that differ: it was written meanwhile. A
-//!   status of another sequence is not used.
-//! - **A contact is latched by the control**: its counter has gone up by one, or there was none.
-//! - **Both sides have a heartbeat.** The control stops by itself what moves when ours stops; a control
-//!   whose heartbeat stands has told us nothing.
+//! - **A chunk is executed once.** The driver writes it, reads it back, and starts it by writing its
+//!   sequence number. The control accepts each number only once, and only the next one. So an unanswered
+//!   write may be repeated, and a late request cannot move anything a second time.
+//! - **The status is one block**, read in one request. If head and tail differ, it was written during the
+//!   read. A status with another sequence number is not used.
+//! - **The control latches a contact**: its counter has increased by one, or there was no contact.
+//! - **Both sides have a heartbeat.** The control itself stops all motion when the heartbeat of `trued`
+//!   stops; the status of a control whose heartbeat has stopped is not valid.
 //!
-//! **Stop.** A halt writes `hold` before everything that waits, and nothing is written after it. It is
-//! no emergency stop: it needs the wire and the control's program.
+//! **Stop.** A halt writes `hold` before all pending requests, and nothing is written after it. It is not
+//! an emergency stop: it needs the wire and the control's program.
 
 mod config;
 mod crc;

@@ -1,5 +1,5 @@
-//! The same registers read otherwise: in another order, as another type, with another scale, from other
-//! addresses. What makes sense then is a suspicion, named as the one thing that would have to be changed.
+//! Reads the same registers with other settings: another word order, type, scale or address. If the values
+//! then make sense, a suspicion names the one setting that would have to be changed.
 
 use super::map::{Map, Register, Results, Status as Places};
 use super::status::Status;
@@ -11,13 +11,13 @@ use machine::record::machine::Machine;
 
 const ORDERS: [Order; 4] = [Order::Abcd, Order::Cdab, Order::Badc, Order::Dcba];
 const SCALES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
-/// An axis may stand a little beyond the travel that the machine file states, mm or degrees.
+/// Largest distance of an axis beyond the travel of the machine file, mm or degrees.
 pub(super) const BEYOND: f64 = 1.0;
-/// Of positions that could be meant, mm or degrees.
+/// Smallest magnitude of a plausible position other than zero, mm or degrees.
 const LEAST: f64 = 1e-4;
 const NOTHING: f64 = 1e-20;
 
-/// Another way in which the positions may lie.
+/// Another setting with which the positions can be read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Change {
     Order(Order),
@@ -34,7 +34,7 @@ impl Change {
         }
     }
 
-    /// The mistake, and the key to write.
+    /// Returns the mistake, and the key to write.
     fn words(self, from: Number) -> (String, String) {
         let small = |text: String| text.to_lowercase();
         match self {
@@ -51,18 +51,19 @@ impl Change {
     }
 }
 
-/// Small whole numbers, read as floating ones: far less than any axis can stand from zero.
+/// Whether `value` is a small whole number read as floating point: its magnitude is far below that of any
+/// position.
 pub(super) fn is_no_position(value: f64) -> bool {
     value != 0.0 && value.abs() < NOTHING
 }
 
-/// Whether the positions in `block` can be those of `machine`: each within its travel.
+/// Whether the positions in `block` are possible for `machine`: each within its travel.
 pub(super) fn fits(map: &Map, block: &[u16], machine: &Machine) -> bool {
     positions(&map.status, block, machine, None)
         .is_some_and(|positions| within(&positions, machine))
 }
 
-/// One change that would bring all axes into their travel, for each that does.
+/// Suspected causes, one for each single change that would bring all axes into their travel.
 pub(super) fn suspects(map: &Map, block: &[u16], machine: &Machine) -> Vec<Suspicion> {
     let Some(number) = map.status.position.values().next().map(|register| register.number) else {
         return Vec::new();
@@ -78,7 +79,8 @@ pub(super) fn suspects(map: &Map, block: &[u16], machine: &Machine) -> Vec<Suspi
         };
         let real = positions.iter().any(|(_, value)| value.abs() >= LEAST)
             && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= LEAST);
-        // Of scales that fit the largest stands for the rest; of types with one answer the first.
+        // Among the scales that fit, the largest represents all; among types with the same result, the
+        // first.
         let scaled =
             |other: &Change| matches!((other, change), (Change::Scale(_), Change::Scale(_)));
         let known = told.iter().any(|(other, same)| scaled(other) || *same == positions);
@@ -105,7 +107,7 @@ fn suspicion(change: Change, number: Number, positions: &[(Axis, f64)]) -> Suspi
     }
 }
 
-/// Where each axis of `machine` stands by `block`, mm and degrees.
+/// Position of each axis of `machine` according to `block`, mm and degrees.
 fn positions(
     places: &Places,
     block: &[u16],
@@ -133,11 +135,11 @@ fn within(positions: &[(Axis, f64)], machine: &Machine) -> bool {
     })
 }
 
-/// Where the status may lie instead, as many registers off.
+/// Other locations of the status that are tried: shift in registers, and whether in the other space.
 pub(super) const OFF: [(i16, bool); 5] =
     [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
 
-/// The map with its status `by` registers off, and in the other space if `other`.
+/// Returns the map with its status shifted by `by` registers, and in the other space if `other`.
 pub(super) fn moved(map: &Map, by: i16, other: bool) -> Option<Map> {
     let mut map = map.clone();
     let status = &mut map.status;
@@ -168,12 +170,12 @@ pub(super) fn moved(map: &Map, by: i16, other: bool) -> Option<Map> {
     Some(map)
 }
 
-/// Whether `block` is a status as `map` has it.
+/// Whether `block` is a valid status according to `map`.
 pub(super) fn is_status(map: &Map, block: &[u16]) -> bool {
     matches!(Status::read(map, block), Ok(Some(_)))
 }
 
-/// What was found by reading with [`moved`].
+/// Suspected cause if the status was found with [`moved`].
 pub(super) fn elsewhere(map: &Map, by: i16, other: bool) -> Suspicion {
     let space = if map.status.space == Space::Input { "input" } else { "holding" };
     let what = match (by, other) {
@@ -217,14 +219,14 @@ mod tests {
         .unwrap()
     }
 
-    /// The published window with other ways of reading the positions.
+    /// The published window with other keys for the positions.
     fn map(keys: &str) -> Map {
         let axis = |(axis, at): (&str, u16)| format!("{axis} = {{ address = {at}, {keys} }}");
         let axes = [("X", 32), ("Z", 36), ("C", 42)].map(axis).join(", ");
         toml::from_str(&format!("[status]\nposition = {{ {axes} }}")).unwrap()
     }
 
-    /// X -12.5, Z 100, C 45, as a control lays them down that keeps to the published window.
+    /// X -12.5, Z 100, C 45, as a control with the published window stores them.
     fn block() -> Vec<u16> {
         let mut block = vec![0; 45];
         for (at, steps) in [(32, -12_500_i32), (36, 100_000), (42, 45_000)] {

@@ -1,18 +1,18 @@
-//! Time limits of the window's conversation.
+//! Timeouts of the exchange through the window.
 
 use std::time::Duration;
 
-/// How long the driver waits, host time.
+/// Timeouts of the driver, host time.
 #[derive(Debug, Clone, Copy)]
 pub struct Patience {
-    /// A living control takes a chunk, and tells its state, within this time.
+    /// Maximum time for the control to accept a chunk, and to report its state.
     pub answer: Duration,
-    /// The longest pause between two questions. A contact in a move that should meet nothing must be a hold
-    /// within `LATENCY_S` (planning, `turning.rs`).
+    /// Longest pause between two requests. A contact in a move that should touch nothing must lead to a
+    /// hold within `LATENCY_S` (planning, `turning.rs`).
     pub poll: Duration,
-    /// A control that says it moves shows another position within this time.
+    /// Maximum time for which a control may report a motion without a change of position.
     pub stall: Duration,
-    /// The control's heartbeat changes within this time.
+    /// Maximum time without a change of the control's heartbeat.
     pub heartbeat: Duration,
 }
 

@@ -1,4 +1,5 @@
-//! Before anything moves: whether a living control stands behind the registers, and that it is set.
+//! Checks before the first motion: whether a live control is behind the registers, and whether its modes
+//! are set.
 
 use std::time::Duration;
 
@@ -11,7 +12,7 @@ use crate::controllers::{ControllerError, Prepared, ReadinessItem, arrival};
 use planning::gcode::Transmission;
 
 impl ModbusControl {
-    /// `judge_probe`: whether the probe's input may read so.
+    /// `judge_probe` decides whether the state of the probe input is acceptable.
     pub(super) async fn set_up(
         &mut self,
         judge_probe: fn(&Status) -> Result<(), ControllerError>,
@@ -20,7 +21,8 @@ impl ModbusControl {
         if let Some(error) = not_ready(&status) {
             return Err(error);
         }
-        // It counts on from here; what was written before it came to life is not taken.
+        // Sequence numbers continue from here; a chunk that was written before the control started is not
+        // accepted.
         (self.window.sequence, self.window.ours) = (status.accepted, false);
         self.plausible(&status)?;
         if !self.modes.switches_probe_on() {
@@ -51,13 +53,13 @@ impl ModbusControl {
             }
         };
         let (identity, stands) = (self.identity(), self.stood.clone());
-        // The window has registers for the position and the probe; its program judges all else.
+        // The window has registers for the position and the probe; the control's program checks all else.
         let not_readable = ReadinessItem::ALL.into_iter();
         let not_readable = not_readable.filter(|item| *item != ReadinessItem::ProbeInput).collect();
         Ok(Prepared { identity, stop, stands, transmission, not_readable })
     }
 
-    /// What is behind the window, and where it is.
+    /// Describes what is behind the window, and its address.
     pub(super) fn identity(&self) -> String {
         let what = match &self.program {
             Some(program) => format!("resident program {}", program.number),
@@ -66,8 +68,8 @@ impl ModbusControl {
         format!("{what} over Modbus, {}", self.name)
     }
 
-    /// Numbers in the wrong order of words are far beyond any travel, whole ones read as floating next to
-    /// nothing.
+    /// Refuses implausible positions. Numbers in the wrong word order are far beyond any travel; whole
+    /// numbers read as floating point are nearly zero.
     fn plausible(&self, status: &Status) -> Result<(), ControllerError> {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
@@ -89,7 +91,7 @@ impl ModbusControl {
         Ok(())
     }
 
-    /// The inputs that the machine file declares: a letter or the number of a bit.
+    /// Checks the probe's health inputs that the machine file declares: a letter or the number of a bit.
     pub(super) fn probe_health(&self, status: &Status) -> Result<(), ControllerError> {
         let is_on = |input: &str| {
             let letter = input.chars().next().filter(char::is_ascii_uppercase);
@@ -105,7 +107,7 @@ impl ModbusControl {
         }
     }
 
-    /// Send the lines of the head or the foot. A resident program sets its modes itself.
+    /// Sends the lines of the head or the foot. A resident program sets its modes itself.
     pub(super) async fn set_modes(&mut self, lines: &[String]) -> Result<(), ControllerError> {
         if self.program.is_some() {
             return Ok(());
@@ -114,7 +116,7 @@ impl ModbusControl {
         let most = self.window.map.command.chunk.bytes();
         let still = self.modes.settles_s().unwrap_or_default();
         let still = Duration::try_from_secs_f64(still).unwrap_or_default();
-        // Remarks do nothing there, and may be longer than the window.
+        // Comments have no effect at the control, and may be longer than the window.
         for line in lines.iter().filter(|line| !line.starts_with('(')) {
             if line.len() > most {
                 return Err(fault(format!("a line is longer than the window: `{line}`")));

@@ -1,4 +1,4 @@
-//! What is written before the control acts, and the number that makes it act.
+//! Writes the chunk before the control acts, and the sequence number that makes it act.
 
 use tokio::time::sleep;
 
@@ -9,12 +9,12 @@ use super::window::{Window, next_beat, unwritable};
 use crate::controllers::ControllerError;
 use link::modbus::{ModbusError, Space};
 
-/// A request that may be sent again without harm is sent so often.
+/// Maximum number of attempts for a request that may be repeated without harm.
 const TRIES: usize = 4;
 
 impl Window {
-    /// The chunk and all that goes with it, each read back. Nothing acts before the sequence is written: what was not
-    /// answered is written again.
+    /// Writes the chunk and all that belongs to it, and reads each item back. The control does not act
+    /// before the sequence number is written: an unanswered write is repeated.
     pub(super) async fn lay_down(&self, chunk: &[u8]) -> Result<(), ControllerError> {
         let command = &self.map.command;
         let length = u16::try_from(chunk.len()).unwrap_or(u16::MAX);
@@ -33,7 +33,7 @@ impl Window {
         Ok(())
     }
 
-    /// Write what does nothing by itself, and see it kept.
+    /// Writes registers that have no effect by themselves, and checks that they keep the values.
     async fn write_again(&self, address: u16, words: &[u16]) -> Result<(), ControllerError> {
         let mut left = TRIES;
         while let Err(error) = self.link.write(address, words).await {
@@ -47,15 +47,15 @@ impl Window {
         Ok(())
     }
 
-    /// Tell the control that a result was read. To be told twice does it no harm.
+    /// Acknowledges a result that was read. A repeated acknowledgement does no harm.
     pub(super) async fn acknowledge(&self, number: u16) -> Result<(), ControllerError> {
         let (at, words) = self.map.command.acknowledge.write(number).map_err(unwritable)?;
         self.write_again(at, &words).await
     }
 
-    /// The control acts when the sequence changes. It takes each but once, and only the one that
-    /// follows: to write the same again is no second command. All the same, nothing is written again
-    /// before the control has told that it took nothing and holds no such number.
+    /// Writes the sequence number: the control acts when it changes. The control accepts each number only
+    /// once, and only the next one, so that a repeated write is no second command. Still, the write is
+    /// repeated only if the control reports that it has accepted nothing and holds no such number.
     pub(super) async fn start(&self, sequence: u16) -> Result<(), ControllerError> {
         let (at, words) = self.map.command.sequence.write(sequence).map_err(unwritable)?;
         let mut left = TRIES;
@@ -65,7 +65,7 @@ impl Window {
                 return Err(error.into());
             }
             if self.status().await?.accepted != self.sequence || self.holds(at, &words).await? {
-                // Taken, or about to be; or something that the next look will name.
+                // The chunk was accepted, or is about to be; the next poll reports any other state.
                 return Ok(());
             }
         }
@@ -89,7 +89,7 @@ impl Window {
     }
 }
 
-/// What lies side by side goes in one request, as far as one holds it.
+/// Joins adjacent items into one request, as far as one request holds them.
 fn joined(mut items: Vec<(u16, Vec<u16>)>) -> Vec<(u16, Vec<u16>)> {
     items.sort_by_key(|(address, _)| *address);
     let mut all: Vec<(u16, Vec<u16>)> = Vec::new();

@@ -1,4 +1,4 @@
-//! What the control says of itself: one block of registers, read at once.
+//! Status of the control: one block of registers, read in one request.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use crate::controllers::ControllerError;
 use link::modbus::value::ValueError;
 use machine::{Axis, Position};
 
-/// Of this layout of the window: with lines, and with a resident program.
+/// Version of the window's layout with lines; `PROGRAM_VERSION`: with a resident program.
 pub(super) const VERSION: u16 = 1;
 pub(super) const PROGRAM_VERSION: u16 = 101;
 
@@ -24,45 +24,45 @@ pub(super) enum State {
 pub(super) struct Status {
     pub state: State,
     pub alarm: u16,
-    /// The last sequence that the control has looked at, and why it refused it (0: taken).
+    /// Last sequence number that the control has checked; `error` is why it refused it (0: accepted).
     pub accepted: u16,
     pub error: u16,
-    /// The last sequence that is done.
+    /// Last sequence number whose execution is complete.
     pub executed: u16,
     pub probe_closed: bool,
-    /// A bit an input: A is 0, B is 1.
+    /// One bit for each input: A is bit 0, B is bit 1.
     pub inputs: u32,
-    /// Contacts so far; results of a resident program.
+    /// Number of contacts so far; with a resident program, number of results.
     pub latches: u16,
     pub heartbeat: u16,
-    /// Now, where the control tells it.
+    /// Present time of the control's clock, s, if it is reported.
     pub time_s: Option<f64>,
     pub latch_time_s: Option<f64>,
     pub latch: Position,
     pub position: Position,
-    /// Of a resident program.
+    /// Result of a resident program.
     pub result: Option<Shown>,
 }
 
-/// The result that a resident program hands over: the status' `latches` is its number, `latch` where
-/// the axes were.
+/// Result that a resident program hands over: the status' `latches` is its number, `latch` the position of
+/// the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Shown {
-    /// The row that the program is at, from 1; 0: it is at none.
+    /// Row that the program executes, from 1; 0: none.
     pub under_way: u16,
-    /// Call and row that the result is of.
+    /// Sequence number of the call to which the result belongs; `row` is its row.
     pub sequence: u16,
     pub row: u16,
     pub contact: bool,
-    /// It was not acknowledged yet.
+    /// Whether the result is not acknowledged yet.
     pub valid: bool,
 }
 
 impl Status {
-    /// From a block; `None` where it was written while it was read.
+    /// Parses a block; `None` if it was written during the read.
     ///
     /// # Errors
-    /// Registers that hold something else than they should.
+    /// A register has an invalid value.
     pub(super) fn read(map: &Map, block: &[u16]) -> Result<Option<Self>, ControllerError> {
         let (first, _) = map.status.block();
         let at = Block { block, first };
@@ -84,7 +84,7 @@ impl Status {
             error: at.count("error", &status.error)?,
             executed: at.count("executed", &status.executed)?,
             probe_closed: at.count("probe", &status.probe)? != 0,
-            // What is larger than its register's 32 bits is no set of inputs.
+            // The conversion saturates: a value beyond the register's 32 bits is no set of inputs.
             inputs: at.number("inputs", &status.inputs)? as u32,
             latches: at.count("latches", &status.latches)?,
             heartbeat: at.count("heartbeat", &status.heartbeat)?,
@@ -137,7 +137,7 @@ impl Block<'_> {
         })
     }
 
-    /// 0: the control does not stamp.
+    /// Reads a timestamp, s; 0: the control has none.
     fn stamp(&self, name: &str, register: &Register) -> Result<Option<f64>, ControllerError> {
         self.number(name, register).map(|seconds| (seconds != 0.0).then_some(seconds))
     }

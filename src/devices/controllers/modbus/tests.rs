@@ -1,4 +1,4 @@
-//! The driver against the simulated control: stops, and tables that do not fit.
+//! Tests of the driver against the simulated control: stops, and register tables that do not fit.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -29,8 +29,8 @@ fn machine() -> Machine {
     .unwrap()
 }
 
-/// A driver whose table has `keys`, and the diary of the control; it has a resident program if they
-/// name one.
+/// Driver whose table has `keys`, and the diary of the simulated control. The control has a resident
+/// program if the keys name one.
 pub(super) async fn driver(
     keys: &str,
     pace: Pace,
@@ -56,12 +56,12 @@ pub(super) async fn driver(
     (driver, halt, diary)
 }
 
-/// As it is sent in lines.
+/// Proves the block for transmission in lines.
 fn proven(block: &Block) -> ProvenBlock {
     proven_as(&Transmission::Lines { max_line_bytes: usize::MAX }, block)
 }
 
-/// As it is sent to this control; no bodies are looked at.
+/// Proves the block for the given transmission; bodies are not checked.
 pub(super) fn proven_as(transmission: &Transmission, block: &Block) -> ProvenBlock {
     let axes: Vec<Axis> = machine().axes.keys().copied().collect();
     proven_block(block, &axes, &dialect("grbl-m19").unwrap(), transmission).unwrap()
@@ -112,7 +112,7 @@ async fn a_hold_that_gets_lost_is_sent_again() {
     assert_eq!(diary.last(), Some(&Entry::Hold));
 }
 
-/// It goes on whatever it is told, and says so.
+/// The control ignores every hold, and reports the motion.
 #[tokio::test]
 async fn a_control_that_does_not_hold_is_told_as_such() {
     let deaf = (0..1000).map(|_| fault(FaultKind::LostHold, 0)).collect();
@@ -132,8 +132,8 @@ async fn a_control_that_lives_no_more_is_not_believed() {
     assert!(matches!(error, ControllerError::Frozen), "{error}");
 }
 
-/// Its program stops in mid-move; what it shows stays as it is, and could be taken for a machine that
-/// moves slowly.
+/// The control's program stops during a move; its registers no longer change, and could be taken for those
+/// of a machine that moves slowly.
 #[tokio::test]
 async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
     let frozen = vec![fault(FaultKind::Frozen, 20)];
@@ -153,7 +153,7 @@ async fn a_heartbeat_that_stands_ends_a_move_before_anything_else_does() {
     assert!(matches!(ended, Err(ControllerError::Frozen)), "{ended:?}");
 }
 
-/// Its program goes on, and each move is over long before the time-out.
+/// The control's program continues, and each move ends long before the timeout.
 #[tokio::test]
 async fn regress_a_heartbeat_that_stands_is_noticed_over_short_moves() {
     let stands = vec![fault(FaultKind::HeartbeatStands, 5)];
@@ -203,7 +203,7 @@ async fn regress_a_contact_during_a_turn_at_feed_is_held() {
     assert!(turned < 15.0, "{turned}");
 }
 
-/// Two seconds, if no hold ends it.
+/// A turn that takes two seconds if no hold ends it.
 pub(super) fn turn_at_feed() -> Block {
     let to = Position::new().with(Axis::C, 20_f64.to_radians());
     Block { step: 1, repeat: 0, motions: vec![Motion::Feed { to, feed_mm_min: 600.0 }] }
@@ -217,7 +217,7 @@ pub(super) async fn is_held_at_last(diary: &Diary) {
     }
 }
 
-/// A touch with one status torn, whichever it is: half of it from before.
+/// A touch during which any one status is torn: half of it is an older one.
 #[tokio::test]
 async fn a_torn_status_is_never_a_reading() {
     let x = |x_mm: f64| Position::new().with(Axis::X, x_mm);

@@ -1,4 +1,4 @@
-//! Whether a control that answers gets anywhere.
+//! Detects a control that answers but makes no progress.
 
 use std::time::Duration;
 
@@ -9,20 +9,21 @@ use super::patience::Patience;
 use super::status::{State, Status};
 use crate::controllers::ControllerError;
 
-/// While nothing is read the heartbeat is not seen: of the time between two reads no more than this counts.
+/// Maximum time between two reads that counts as time without a heartbeat: without a read no heartbeat is
+/// seen.
 const MAX_PAUSE: Duration = Duration::from_millis(500);
 
 /// The control's heartbeat, over all chunks.
 #[derive(Default)]
 pub(super) struct Heart {
-    /// The last value, and when it was read.
+    /// Last value, and the time of its read.
     last: Option<(u16, Instant)>,
-    /// How long it has been read as the same.
+    /// Time for which the same value was read.
     stood: Duration,
 }
 
 impl Heart {
-    /// One that stands: what the control shows is old.
+    /// Error if the heartbeat has stopped: the status is outdated.
     pub(super) fn look(&mut self, beat: u16, patience: &Patience) -> Result<(), ControllerError> {
         let now = Instant::now();
         self.stood = match self.last.replace((beat, now)) {
@@ -33,12 +34,13 @@ impl Heart {
     }
 }
 
-/// One chunk.
+/// Progress of one chunk.
 #[derive(Default)]
 pub(super) struct Watch(Option<(Status, Instant)>);
 
 impl Watch {
-    /// Idle with a chunk that is not done: it was forgotten. Moving without moving: it hangs.
+    /// Error if the control is idle with an incomplete chunk (the chunk was lost), or if it reports a
+    /// motion without a change of position (it hangs).
     pub(super) fn look(
         &mut self,
         status: &Status,

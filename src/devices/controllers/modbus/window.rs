@@ -1,4 +1,4 @@
-//! The conversation through the window: one line, taken and executed; the status while waiting.
+//! Exchange through the window: one line is accepted and executed; the status is polled meanwhile.
 
 use std::collections::BTreeSet;
 use std::sync::atomic::{AtomicU16, Ordering};
@@ -17,17 +17,17 @@ use crate::controllers::{ControllerError, Halt};
 use link::modbus::value::ValueError;
 use link::modbus::{Line, Modbus, ModbusError, Settings, Urgent};
 
-/// How often trued's own heartbeat goes out while nothing else does.
+/// Interval of trued's own heartbeat while nothing else is written.
 const BEAT: Duration = Duration::from_millis(500);
 
-/// A chunk that the control was told to take.
+/// A chunk whose execution was started.
 pub(super) struct Pending {
     name: String,
     pub(super) sequence: u16,
     still: Duration,
     begun: Instant,
     watch: Watch,
-    /// Before the next question; `None`: nothing was asked yet.
+    /// Pause before the next request; `None`: there was no request yet.
     pause: Option<Duration>,
 }
 
@@ -37,8 +37,8 @@ impl Pending {
         Self { name: name.to_owned(), sequence, still, begun, watch, pause: None }
     }
 
-    /// The longer it takes the longer, up to `most`. The second question comes at once as well: what
-    /// takes no time, as a modal word, is done by then.
+    /// Waits before the next request. The pause grows with each request, up to `most`. The second request
+    /// follows at once: a line that takes no time, such as a modal word, is complete by then.
     async fn wait(&mut self, most: Duration) {
         let pause = self.pause.unwrap_or_default();
         if !pause.is_zero() {
@@ -57,22 +57,23 @@ pub(super) struct Window {
     hold: Urgent,
     halt: Halt,
     pub(super) beat: Arc<AtomicU16>,
-    /// It begins with the first word that is more than a look.
+    /// Task that writes the heartbeat; [`Window::living`] starts it.
     beating: OnceLock<JoinHandle<()>>,
-    /// Of the last chunk that the control has taken.
+    /// Sequence number of the last chunk that the control has accepted.
     pub(super) sequence: u16,
-    /// It was sent from here. What became of another one, held or refused perhaps, is no matter.
+    /// Whether that chunk was sent by this driver. The outcome of another one, perhaps held or refused,
+    /// does not matter.
     pub(super) ours: bool,
-    /// Of a resident program: the number of the last result that was read.
+    /// Number of the last result that was read from a resident program.
     pub(super) taken: Option<u16>,
-    /// The step whose positioning move, at rapid or at feed, is under way: the stylus should meet nothing.
+    /// Step whose positioning move is running, at rapid or at feed: the stylus should touch nothing.
     pub(super) free: Option<u32>,
     pub(super) patience: Patience,
     heart: Heart,
 }
 
 impl Drop for Window {
-    /// The control stops by itself what still moves once this heart stands.
+    /// Stops the heartbeat: the control then stops by itself what still moves.
     fn drop(&mut self) {
         if let Some(beating) = self.beating.get() {
             beating.abort();
@@ -80,7 +81,7 @@ impl Drop for Window {
     }
 }
 
-/// The number after `sequence`; 0 means that there was none.
+/// Sequence number after `sequence`; 0 means that there was none.
 pub(super) fn next(sequence: u16) -> u16 {
     sequence.checked_add(1).unwrap_or(1)
 }
@@ -93,7 +94,7 @@ pub(super) fn unwritable(error: ValueError) -> ControllerError {
 }
 
 impl Window {
-    /// Open the line; the halt writes `hold`, and nothing is written after it.
+    /// Opens the line; the halt writes `hold`, and nothing is written after it.
     pub(super) async fn open(
         line: Line,
         unit: u8,
@@ -129,12 +130,12 @@ impl Window {
         self.halt.is_halted()
     }
 
-    /// Hold the machine after a fault: whatever it is doing.
+    /// Holds the machine after a fault, whatever it is executing.
     pub(super) fn hold(&self) {
         self.hold.send_and_close();
     }
 
-    /// The control's status as it is now: whole, though perhaps older than the last chunk.
+    /// Reads the control's present status: consistent, though perhaps older than the last chunk.
     pub(super) async fn status(&self) -> Result<Status, ControllerError> {
         let deadline = Instant::now() + self.patience.answer;
         let (first, count) = self.map.status.block();
@@ -156,7 +157,7 @@ impl Window {
         }
     }
 
-    /// Wait until the machine stands still and all that was sent is done.
+    /// Waits until the machine is at rest and all chunks are complete.
     pub(super) async fn idle(&mut self) -> Result<Status, ControllerError> {
         let deadline = Instant::now() + self.patience.answer;
         loop {
@@ -181,16 +182,16 @@ impl Window {
         }
     }
 
-    /// The sequence that the control will take next.
+    /// Sequence number that the control will accept next.
     pub(super) fn coming(&self) -> u16 {
         next(self.sequence)
     }
 
-    /// Have `line` executed; the status when that is done. `still`: so long the machine may stand
-    /// meanwhile.
+    /// Executes `line`; returns the status at its end. `still` is the time for which the machine may be at
+    /// rest meanwhile.
     ///
     /// # Errors
-    /// A refusal, an alarm, a hold, a reset, silence; `Halted` once a halt was asked for.
+    /// A refusal, an alarm, a hold, a reset, silence; `Halted` once a halt was requested.
     pub(super) async fn ask(
         &mut self,
         line: &str,
@@ -204,7 +205,7 @@ impl Window {
         }
     }
 
-    /// Lay `chunk` down and have it begun; `name` is what errors call it.
+    /// Writes `chunk` and starts it; `name` identifies it in errors.
     pub(super) async fn begin(
         &mut self,
         chunk: &[u8],
@@ -226,7 +227,7 @@ impl Window {
         }
     }
 
-    /// The status, and whether it says that all of the chunk is done and the machine stands.
+    /// Reads the status, and whether the whole chunk is complete and the machine at rest.
     pub(super) async fn look(
         &mut self,
         pending: &mut Pending,
@@ -246,7 +247,7 @@ impl Window {
         ends_it(&status)?;
         self.heart.look(status.heartbeat, &self.patience)?;
         if let Some(step) = self.free.filter(|_| status.probe_closed) {
-            // It may still be moving, and does not stop by itself.
+            // The machine may still be moving, and does not stop by itself.
             self.hold();
             return Err(ControllerError::UnexpectedContact { step });
         }
@@ -268,9 +269,9 @@ impl Window {
         Ok((status, false))
     }
 
-    /// The hold is on its way; see the machine stand before saying so. The wire may have lost it: it is
-    /// sent again until the status shows it, one too many changes nothing. A control may stay idle on a
-    /// hold: it stands if its program lives and has nothing left to do.
+    /// Waits, after a hold was sent, until the machine is at rest. The hold may be lost: it is sent again
+    /// until the status shows it; a surplus hold changes nothing. A control may stay idle on a hold: its
+    /// machine is at rest if the control's program is running and has nothing left to execute.
     async fn halted(&self) -> ControllerError {
         let begun = Instant::now();
         let (mut beats, mut beaten) = (BTreeSet::new(), begun);
@@ -298,7 +299,8 @@ impl Window {
         ControllerError::Halted
     }
 
-    /// A heartbeat from here, and one that changes from there; the status that shows it.
+    /// Starts the heartbeat of `trued` and waits until the control's heartbeat changes; returns the status
+    /// that shows it.
     pub(super) async fn living(&self) -> Result<Status, ControllerError> {
         let heart = || beats(self.link.clone(), self.map.clone(), self.beat.clone());
         self.beating.get_or_init(|| tokio::spawn(heart()));
@@ -327,7 +329,8 @@ pub(super) fn next_beat(beat: &AtomicU16) -> u16 {
     beat.fetch_add(1, Ordering::SeqCst).wrapping_add(1)
 }
 
-/// Until it is aborted, or the link is closed by a hold. A beat that is lost is followed by another.
+/// Writes heartbeats until the task is aborted, or a hold closes the link. A lost beat is followed by
+/// another.
 async fn beats(link: Arc<Modbus>, map: Map, beat: Arc<AtomicU16>) {
     loop {
         sleep(BEAT).await;

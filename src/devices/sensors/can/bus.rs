@@ -1,20 +1,20 @@
-//! What is known of the bus while no frame comes: why that may be.
+//! State of the bus while no frame arrives, with the reason if it is known.
 
 use link::can::{CanError, Heard, Id};
 
 #[derive(Debug, Default)]
 pub(super) struct Bus {
     down: Option<String>,
-    /// Its controller has left it.
+    /// Reason why the CAN controller has left the bus (bus-off).
     off: Option<String>,
-    /// What it said last of its errors.
+    /// Last bus errors that the controller has reported.
     errors: Option<String>,
-    /// Whose frames come instead.
+    /// Identifiers of the other frames that arrive.
     others: Vec<Id>,
 }
 
 impl Bus {
-    /// Whatever is no frame.
+    /// Stores an event that is not a frame.
     pub fn hears(&mut self, heard: Heard) {
         match heard {
             Heard::Frame(_) => {}
@@ -27,12 +27,12 @@ impl Bus {
         }
     }
 
-    /// A frame came: all that was said before is over.
+    /// Clears all earlier events when a frame has arrived.
     pub fn speaks(&mut self) {
         *self = Self::default();
     }
 
-    /// What is the matter with it, if it says; what explains most comes first.
+    /// Returns the fault of the bus, if one is known; the fault that explains most comes first.
     pub fn ails(&self, interface: &str, id: Id) -> Option<CanError> {
         let (interface, id) = (interface.to_owned(), id.to_string());
         if let Some(why) = self.down.clone() {
@@ -41,7 +41,7 @@ impl Bus {
         if let Some(why) = self.off.clone() {
             return Some(CanError::Off { interface, why });
         }
-        // Who hears the frames of others understands the bus.
+        // Frames of other nodes arrive, so the bus itself works.
         if !self.others.is_empty() {
             let others = self.others.iter().map(Id::to_string).collect::<Vec<_>>().join(", ");
             return Some(CanError::Others { interface, id, others });

@@ -1,4 +1,4 @@
-//! What is heard on a bus that has troubles, said by hand.
+//! Tests of the driver on a faulty bus, with scripted events.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use machine::record::reading::Flag;
 
 const COUNTED: &str = "counter = { byte = 3, width = 8 }";
 
-/// A driver, and where what it hears is put.
+/// A driver, and the sender of the events that it receives.
 fn driver(counter: &str, timeout_s: f64) -> (Driver, mpsc::Sender<Heard>) {
     let keys = "interface = \"can0\"\nid = 0x123\nlength = 4\n\
                 value = { byte = 0, width = 24, order = \"big\", signed = true, scale_mm = 1e-5 }\n";
@@ -34,7 +34,7 @@ fn words(words: &str) -> String {
     words.to_owned()
 }
 
-/// Why it is not ready, all of this being said before it listens and nothing afterwards.
+/// Error of a driver that receives the events `said` before it starts, and nothing afterwards.
 async fn refused(said: Vec<Heard>) -> CanError {
     let (mut driver, say) = driver(COUNTED, 0.05);
     for heard in said {
@@ -68,7 +68,7 @@ async fn a_controller_off_the_bus_and_an_interface_that_is_down_say_so() {
     assert!(error.remedy().contains("restart-ms"), "{}", error.remedy());
     let error = refused(vec![off(), Heard::Down(words("network is down"))]).await;
     assert!(matches!(error, CanError::Down { .. }), "{error}");
-    // It was restarted, or set up again, since.
+    // The bus was restarted, or set up again, meanwhile.
     let error = refused(vec![errors(), off(), Heard::Lost(1)]).await;
     assert!(matches!(error, CanError::Trouble { .. }), "{error}");
     let error = refused(vec![errors(), Heard::Down(words("gone")), off(), Heard::Up]).await;
@@ -113,7 +113,7 @@ async fn samples(counter: &str, said: Vec<Heard>, count: usize) -> Vec<(Flag, u3
     samples
 }
 
-/// What goes wrong on the way: at once a sample that says so, and a gap once it is mended.
+/// A fault during the measurement gives a flagged sample at once, and a gap after its end.
 #[tokio::test]
 async fn a_bus_that_fails_on_the_way_is_flagged_at_once_and_leaves_a_gap() {
     let said = || {
@@ -129,6 +129,6 @@ async fn a_bus_that_fails_on_the_way_is_flagged_at_once_and_leaves_a_gap() {
     };
     let (well, stale) = ((Flag::None, 0), (Flag::Stale, 0));
     assert_eq!(samples(COUNTED, said(), 5).await, [well, well, stale, (Flag::Gap, 4), well]);
-    // Without a counter nobody knows how many.
+    // Without a counter the number of missing samples is unknown.
     assert_eq!(samples("", said(), 5).await, [well, well, stale, (Flag::Gap, 0), well]);
 }

@@ -1,4 +1,4 @@
-//! `[sensor.can]`: which frames on which bus, and what they hold.
+//! Keys of `[sensor.can]`: the bus, the frames and their content.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -15,13 +15,13 @@ use link::can::{Can, CanError, Id};
 struct Keys {
     interface: String,
     id: u32,
-    /// The identifier has 29 bits.
+    /// Whether the identifier has 29 bits.
     #[serde(default)]
     extended: bool,
-    /// Bytes of a frame.
+    /// Length of a frame, bytes.
     #[serde(default = "most_bytes")]
     length: u16,
-    /// Silence beyond it is flagged.
+    /// Maximum time between two frames, s; a longer silence is flagged.
     #[serde(default = "usual_timeout")]
     timeout_s: f64,
     order: Option<Order>,
@@ -34,7 +34,7 @@ struct Keys {
 
 const MOST_BYTES: u16 = 8;
 const LONGEST_TIMEOUT_S: f64 = 60.0;
-/// A name that the kernel takes (IFNAMSIZ).
+/// Maximum length of an interface's name in the kernel (IFNAMSIZ), characters.
 const LONGEST_NAME: usize = 15;
 
 fn most_bytes() -> u16 {
@@ -80,10 +80,10 @@ impl TryFrom<Keys> for Config {
 }
 
 impl Config {
-    /// Open its interface.
+    /// Opens the CAN interface.
     ///
     /// # Errors
-    /// A kernel without CAN, no such interface.
+    /// The kernel has no CAN, or the interface does not exist.
     pub fn listen(&self, clock: Arc<dyn Clock>) -> Result<Can, CanError> {
         Can::open(&self.interface, self.id, clock)
     }

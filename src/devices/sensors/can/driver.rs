@@ -1,4 +1,4 @@
-//! One sample after the other from the frames of one identifier.
+//! Driver: samples from the frames of one CAN identifier.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -13,10 +13,10 @@ use link::{Clock, SharedPorts};
 use machine::record::reading::Flag;
 use machine::record::sensor;
 
-/// How many samples, and how long, are enough to know its rate.
+/// Number of samples that is enough to determine the rate. `LISTEN_S`: time that is enough, s.
 const ENOUGH: usize = 50;
 const LISTEN_S: f64 = 0.5;
-/// A sensor that is switched on says something within this.
+/// Maximum time until a sensor that is switched on sends its first frame.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 pub(super) struct Driver {
@@ -27,7 +27,7 @@ pub(super) struct Driver {
     timeout: Duration,
     clock: Arc<dyn Clock>,
     counting: Counting,
-    /// What was received before is not wanted.
+    /// Time before which received frames are ignored, s.
     since_s: f64,
     bus: Bus,
     _served: Option<Arc<()>>,
@@ -47,7 +47,7 @@ impl Driver {
         Self { can, id, layout, range_mm, timeout, clock, counting, since_s, bus, _served }
     }
 
-    /// Keeps what serves it.
+    /// Keeps `served`, on which the sensor depends, as long as the driver lives.
     pub(super) fn beside(self, served: Option<Arc<()>>) -> Self {
         Self { _served: served, ..self }
     }
@@ -66,7 +66,8 @@ impl Driver {
         Sample::stale(self.clock.now_s())
     }
 
-    /// The first sign of life. A bus with errors alone is never silent, so that patience has an end.
+    /// Waits for the first sample. A bus that reports only errors is never silent, so the wait has a
+    /// deadline.
     async fn first(&mut self) -> Result<Sample, SensorError> {
         let wait = self.timeout.max(PATIENCE);
         let deadline = Instant::now() + wait;
@@ -85,7 +86,8 @@ impl Driver {
         Err(ails.map_or(SensorError::Silent { seconds: wait.as_secs_f64() }, SensorError::from))
     }
 
-    /// Samples until they are enough to know their rate; how many, and how long they took, s.
+    /// Receives samples until there are enough to determine their rate; returns their number, and how long
+    /// they took, s.
     async fn listen(&mut self, first: Sample) -> Result<(usize, f64), SensorError> {
         let (mut last, mut steps, mut stood) = (first.t_s, 0, 0);
         while steps < ENOUGH && stood < ENOUGH && last - first.t_s < LISTEN_S {
@@ -125,7 +127,7 @@ impl Seam for Driver {
 
     async fn forget(&mut self) -> Result<(), SensorError> {
         if !self.can.is_on_demand() {
-            // The kernel may still hold some of what came before.
+            // The kernel may still hold earlier frames.
             self.since_s = self.clock.now_s();
             while let Some(heard) = self.can.waiting()? {
                 self.bus.hears(heard);
@@ -155,7 +157,8 @@ impl Seam for Driver {
                     self.bus.hears(heard);
                     self.counting.interrupted();
                 }
-                // What a controller could not read is sent once more; the counter tells the rest.
+                // A frame that the controller could not read is sent again; the counter shows any other
+                // loss.
                 Some(heard) => self.bus.hears(heard),
             }
         }
@@ -175,7 +178,7 @@ impl Named for Config {
         self.layout.encoder_round()
     }
 
-    /// The kernel gives each listener its own copy of a frame: nothing is shared here.
+    /// The kernel gives each listener its own copy of a frame, so no port is shared.
     fn open<'a>(
         &'a self,
         sensor: &'a sensor::Sensor,
@@ -190,8 +193,8 @@ impl Named for Config {
 }
 
 impl Config {
-    /// Its frames come from `can`; `served` is kept as long as they are wanted. Call inside a tokio
-    /// runtime.
+    /// Creates the sensor with frames from `can`; `served` is kept as long as the sensor exists. Call
+    /// inside a tokio runtime.
     pub fn over(
         &self,
         can: Can,

@@ -1,4 +1,4 @@
-//! Displacement sensors that send frames on a CAN bus.
+//! Driver of displacement sensors that send frames on a CAN bus.
 
 mod bus;
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Frames in memory: written by hand, and those of the simulated sensor.
+//! Tests with frames in memory: written by hand, and from the simulated sensor.
 
 use std::sync::Arc;
 
@@ -24,7 +24,7 @@ pub(super) fn config(text: &str) -> Result<Config, String> {
     toml::from_str(text).map_err(|error| error.message().to_owned())
 }
 
-/// A sensor that sends these frames, a millisecond apart, and then nothing.
+/// A sensor that sends these frames, one each millisecond, and then nothing.
 fn over(config: &Config, frames: &[&[u8]]) -> Sensor {
     let mut left: std::collections::VecDeque<Vec<u8>> =
         frames.iter().map(|frame| frame.to_vec()).collect();
@@ -45,7 +45,7 @@ counter = { byte = 3, width = 8 }
 "#;
 
 fn seen(samples: &[Sample]) -> Vec<(Option<f64>, Flag, u32)> {
-    // Beyond a picometre it is the rounding of the scale.
+    // Digits below a picometre are the rounding of the scale.
     let rounded = |mm: f64| (mm * 1e9).round() / 1e9;
     let told = |sample: &Sample| (sample.value_mm.map(rounded), sample.flag, sample.missing);
     samples.iter().map(told).collect()
@@ -100,14 +100,14 @@ async fn frames_of_the_simulated_sensor_are_read() {
         Sensed::Saturated,
         Sensed::OutOfRange(11.0),
         Sensed::Distance(-0.5),
-        // Beyond what its 24 bits hold.
+        // A distance beyond the range of 24 bits.
         Sensed::Distance(90.0),
     ];
     let mut sees = sees.into_iter();
     let sense: Sense = Box::new(move || sees.next().unwrap());
     let clock: Arc<dyn Clock> = Arc::new(Stands);
     let mut frames = can::frames(sense, clock.clone());
-    // By the data sheet, by hand: 123456 counts are 0x01E240.
+    // By hand from the data sheet: 123456 counts are 0x01E240.
     let first = frames().unwrap();
     assert_eq!(first.data(), [0, 1, 0x01, 0xE2, 0x40, 0]);
     assert_eq!((first.id, first.t_s), (Id::new(0x181, false).unwrap(), 12.5));

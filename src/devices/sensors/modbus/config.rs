@@ -1,4 +1,4 @@
-//! `[sensor.modbus]`.
+//! Keys of `[sensor.modbus]`.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -22,7 +22,7 @@ struct Keys {
     unit: Option<u8>,
     #[serde(default = "timeout_s")]
     timeout_s: f64,
-    /// At most so often it is read.
+    /// Maximum rate of the reads, Hz.
     #[serde(default = "rate_hz")]
     rate_hz: f64,
     #[serde(default = "input")]
@@ -46,12 +46,12 @@ fn input() -> Space {
     Space::Input
 }
 
-/// How a sensor behind registers is reached and understood.
+/// Address of a sensor behind Modbus registers, and content of the registers.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
     pub(super) device: Device,
-    /// Between two reads.
+    /// Time between two reads.
     pub(super) pace: Duration,
     pub(super) map: Map,
 }
@@ -77,13 +77,13 @@ impl TryFrom<Keys> for Config {
 }
 
 impl Config {
-    /// What the link is held to: these registers, and no writing.
+    /// Limits of the link: it may read these registers only, and write none.
     pub(super) fn settings(&self) -> Settings {
         let allowed = Allowed { read: vec![self.map.span], write: Vec::new() };
         Settings { unit: self.device.unit, timeout: self.device.timeout, allowed }
     }
 
-    /// An RTU line, which units may share; over Modbus TCP each sensor has its own connection.
+    /// Returns an RTU line, which units may share; over Modbus TCP each sensor has its own connection.
     pub(super) fn shared_port(&self) -> Option<Port> {
         let Device { line, .. } = &self.device;
         let parity = format!("{:?}", line.parity).to_lowercase();

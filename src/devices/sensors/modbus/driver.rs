@@ -1,4 +1,4 @@
-//! One sample after the other from registers that are read at a rate.
+//! Driver: samples from registers that are read at a fixed rate.
 
 use std::sync::Arc;
 
@@ -14,7 +14,7 @@ use link::{Clock, SharedPorts};
 use machine::record::reading::Flag;
 use machine::record::sensor;
 
-/// How long it is read before it is called ready, and how many samples are enough.
+/// Time for which the sensor is read before it counts as ready. `ENOUGH`: number of samples that is enough.
 const LISTEN: Duration = Duration::from_millis(500);
 const ENOUGH: usize = 20;
 
@@ -24,19 +24,19 @@ pub struct Registers {
     clock: Arc<dyn Clock>,
     link: Modbus,
     counting: Counting,
-    /// Where no counter tells, and its noise does.
+    /// Detects an unchanged value by its noise, if there is no counter.
     standing: Option<Standing>,
-    /// Samples a second of a sensor whose time stands still while nobody reads it.
+    /// Samples a second of a simulated sensor whose time advances only when it is read.
     simulated_hz: Option<f64>,
     next_read: Instant,
 }
 
 impl Registers {
-    /// Open where `config` says; `simulated_hz`: a sensor that measures when it is read, as if so often
-    /// a second.
+    /// Opens the link of `config`. `simulated_hz`: sample rate of a simulated sensor that measures only
+    /// when it is read.
     ///
     /// # Errors
-    /// What opening says.
+    /// The link cannot be opened.
     pub async fn open(
         config: Config,
         sensor: &sensor::Sensor,
@@ -59,7 +59,7 @@ impl Registers {
             clock,
             link,
             counting: Counting::new(config.map.round()),
-            // Of one that measures when it is read nothing stands.
+            // A sensor that measures when it is read has no unchanged values.
             standing: match simulated_hz {
                 Some(_) => None,
                 None => Standing::of(&config.map, sensor, config.device.timeout),
@@ -70,7 +70,7 @@ impl Registers {
         }
     }
 
-    /// The registers, not before it is their time.
+    /// Reads the registers, not before the next read is due.
     async fn read(&mut self) -> Result<Decoded, SensorError> {
         if self.simulated_hz.is_none() {
             if Instant::now() < self.next_read {
@@ -107,7 +107,7 @@ impl Registers {
         Ok(sample)
     }
 
-    /// With what nobody could see of it.
+    /// Describes the sensor, with the faults that cannot be detected.
     fn identity(&self) -> String {
         let unseen = match (self.config.map.round(), &self.standing, self.simulated_hz) {
             (Some(_), ..) | (_, _, Some(_)) => "",
@@ -127,7 +127,7 @@ impl Registers {
     }
 }
 
-/// An answer that did not come, or that is none, is silence; another may come.
+/// Whether the error counts as silence: no answer, or an invalid one; a later answer may come.
 fn may_pass(error: &SensorError) -> bool {
     use ModbusError::{Late, Misfit, Unclear};
     matches!(error, SensorError::Modbus(Late { .. } | Misfit { .. } | Unclear { .. }))
@@ -136,7 +136,7 @@ fn may_pass(error: &SensorError) -> bool {
 impl Driver for Registers {
     async fn prepare(&mut self) -> Result<Prepared, SensorError> {
         self.counting.begin();
-        // Whatever is wrong at the very first is told.
+        // An error of the first read is reported.
         let first = self.read().await?;
         let mut rate_hz = self.simulated_hz.unwrap_or_default();
         if self.simulated_hz.is_none() {
@@ -172,7 +172,7 @@ impl Driver for Registers {
         if self.simulated_hz.is_some() || self.config.map.round().is_none() {
             return Ok(());
         }
-        // What it holds now came before; the next one has another number.
+        // The registers hold an earlier sample; the next one has another count.
         match self.read().await {
             Ok(said) => {
                 self.counting.follow(self.clock.now_s(), said);

@@ -1,4 +1,4 @@
-//! Which registers hold what.
+//! Map of the registers: the content of each register.
 
 use std::collections::BTreeMap;
 
@@ -10,7 +10,7 @@ use link::modbus::value::{Kind, Number, Order, ValueError};
 use link::modbus::{Range, Space};
 use machine::record::reading::Flag;
 
-/// value = `offset_mm` + `scale_mm` × the number; registers count from 0.
+/// Keys of the value: value = `offset_mm` + `scale_mm` × the number; registers count from 0.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ValueKeys {
@@ -24,7 +24,7 @@ pub(super) struct ValueKeys {
     offset_mm: f64,
     #[serde(default)]
     codes: Vec<CodeKeys>,
-    /// What it means when there is no number (`f32`, `f64`).
+    /// Meaning of a number that is not finite (`f32`, `f64`).
     nan: Option<Means>,
 }
 
@@ -47,7 +47,7 @@ pub(super) struct CounterKeys {
     gaps: bool,
 }
 
-/// The count of a rotary encoder: a whole number of one register or two.
+/// Keys of the count of a rotary encoder: an integer of one register or two.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct EncoderCountKeys {
@@ -56,11 +56,12 @@ pub(super) struct EncoderCountKeys {
     kind: Kind,
     #[serde(default)]
     order: Order,
-    /// Absent: as many as its registers hold.
+    /// Number of counts after which the count restarts; if absent, the capacity of its registers.
     round: Option<u64>,
 }
 
-/// Bits of a register that say something, if they hold `is` (absent: anything but zero).
+/// Keys of a status: bits of a register with a meaning that applies if they hold `is` (absent: any number
+/// but zero).
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct StatusKeys {
@@ -77,10 +78,10 @@ fn one() -> u16 {
     1
 }
 
-/// A map that was found sound.
+/// A register map that has passed the checks.
 #[derive(Debug, Clone)]
 pub(super) struct Map {
-    /// All that is read, in one request.
+    /// All registers that are read, in one request.
     pub span: Range,
     value: (u16, Number),
     scale_mm: f64,
@@ -88,7 +89,7 @@ pub(super) struct Map {
     codes: Vec<(f64, Flag)>,
     nan: Option<Flag>,
     counter: Option<(u16, Number)>,
-    /// With the number of different counts.
+    /// Number of the encoder's count, and number of different counts.
     encoder: Option<((u16, Number), u64)>,
     pub gaps: bool,
     status: Vec<Status>,
@@ -103,12 +104,12 @@ struct Status {
     flag: Flag,
 }
 
-/// In one request.
+/// Maximum number of registers in one request.
 const MOST_READ: u16 = 125;
 
 impl Map {
     /// # Errors
-    /// In words, with the keys.
+    /// The map is invalid; the message names the keys.
     pub fn new(
         space: Space,
         value: ValueKeys,
@@ -146,35 +147,36 @@ impl Map {
         })
     }
 
-    /// mm of one count; none of a number that is not counted.
+    /// Size of one count, mm; 0 for floating-point numbers.
     pub fn count_mm(&self) -> f64 {
         if self.value.1.kind.is_float() { 0.0 } else { self.scale_mm.abs() }
     }
 
-    /// After how many samples the counter begins anew, if there is one.
+    /// Number of samples after which the counter restarts, if there is one.
     pub fn round(&self) -> Option<u64> {
         let bits = 16 * u32::from(self.counter?.1.registers());
         Some(1_u64.checked_shl(bits).unwrap_or(u64::MAX))
     }
 
-    /// After how many counts the encoder's count begins anew, if there is one.
+    /// Number of counts after which the encoder's count restarts, if there is one.
     pub fn encoder_round(&self) -> Option<u64> {
         self.encoder.map(|(_, round)| round)
     }
 
-    /// What the registers of the span hold.
+    /// Decodes the registers of the span.
     ///
     /// # Errors
-    /// They hold no number.
+    /// The registers hold no number.
     pub fn read(&self, words: &[u16]) -> Result<Decoded, ValueError> {
         let number = |(register, number): (u16, Number)| {
             let at = usize::from(register.saturating_sub(self.span.first));
             let end = at + usize::from(number.registers());
             number.read(words.get(at..end).unwrap_or_default())
         };
-        // Whole and not negative: a signed type is refused.
+        // The conversion is exact: the number is an integer and not negative, because signed types are
+        // refused.
         let counter = self.counter.map(number).transpose()?.map(|count| count as u64);
-        // Exact: 32 bits at most.
+        // The conversion is exact: the count has 32 bits at most.
         let wrapped = |(at, round)| number(at).map(|count| encoder::wrapped(count as i128, round));
         let encoder_count = self.encoder.map(wrapped).transpose()?;
         let holds = |status: &&Status| {
@@ -230,7 +232,8 @@ impl TryFrom<StatusKeys> for Status {
     }
 }
 
-/// Several words may stand in the same bits, each with a number of its own; bits are not shared in part.
+/// Checks that several status entries in the same bits have different numbers, and that no entries overlap
+/// in part.
 fn told_apart(status: &[Status]) -> Result<(), String> {
     for (at, one) in status.iter().enumerate() {
         let bits = |of: &Status| of.mask << of.bit;
@@ -275,7 +278,7 @@ fn check_value(value: &ValueKeys) -> Result<(), String> {
     Ok(())
 }
 
-/// All registers, none of them twice; several words may stand in one register of status.
+/// Returns the span of all registers. None is used twice, but several status entries may use one register.
 fn span(
     space: Space,
     value: (u16, Number),

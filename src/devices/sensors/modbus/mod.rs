@@ -1,16 +1,15 @@
-//! Displacement sensors behind Modbus registers, over RTU and TCP: value, status and counter, read at a
-//! rate in one request.
+//! Driver of displacement sensors behind Modbus registers, over RTU and TCP: value, status and counter are
+//! read at a fixed rate, in one request.
 //!
-//! - Registers show the newest sample alone. With a counter a sample is taken once, and nothing that
-//!   was there before `forget`; a counter that stands for the time-out is `Stale`. Without one registers
-//!   that stand are told from a surface that rests by the sensor's noise alone, where that is declared
-//!   and finer than its counts.
-//! - What the sensor measured between two reads was not asked for, and is not missing; with
-//!   `counter.gaps = true` it is (`Gap`): for a sensor that is read faster than it measures.
-//! - One request reads all. Whether the sensor itself writes a long value in two parts, and was read
-//!   between them, cannot be seen from outside: see its manual for which registers it keeps together.
-//! - No answer in time, or one that does not fit, is `Stale`. Nothing but these registers is read, and
-//!   nothing is written.
+//! - The registers hold only the newest sample. With a counter each sample is used once, and none from
+//!   before `forget`; a counter that does not change within the timeout gives `Stale`. Without a counter,
+//!   only the sensor's noise distinguishes registers that are not updated from a surface at rest, if the
+//!   noise is declared and greater than the counts.
+//! - Samples that the sensor measured between two reads do not count as missing. With `counter.gaps = true`
+//!   they do (`Gap`): for a sensor that is read faster than it measures.
+//! - One request reads all registers. It cannot be detected whether the sensor writes a long value in two
+//!   parts and was read in between: its manual names the registers that it updates together.
+//! - A missing, late or invalid answer gives `Stale`. Only these registers are read, and none is written.
 
 mod config;
 mod driver;

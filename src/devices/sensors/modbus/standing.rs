@@ -1,14 +1,14 @@
-//! Where no counter tells one measurement from the next: a value that never changes. A sensor whose noise
-//! is finer than its counts says something else sooner or later; of any other one nobody can know.
+//! Detects a value that never changes, for sensors without a counter. If the noise of a sensor is greater
+//! than its counts, its value changes sooner or later; for any other sensor this cannot be detected.
 
 use tokio::time::{Duration, Instant};
 
 use super::map::Map;
 use machine::record::sensor::Sensor;
 
-/// So many times the same, and for as long as it may say nothing.
+/// Number of equal values after which a value counts as unchanged, if the timeout has passed too.
 const SAME: u32 = 20;
-/// Counts of a standard deviation of its noise: of fewer the same one may come again and again.
+/// Smallest standard deviation of the noise, in counts: with less noise a value may repeat again and again.
 const COUNTS: f64 = 4.0;
 
 pub(super) struct Standing {
@@ -20,7 +20,7 @@ pub(super) struct Standing {
 }
 
 impl Standing {
-    /// `None`: it cannot be seen, or a counter sees it.
+    /// Returns the detector; `None` if detection is impossible, or if there is a counter.
     pub fn of(map: &Map, sensor: &Sensor, patience: Duration) -> Option<Self> {
         let noise_mm = 1e-3 * sensor.noise_um.filter(|noise| *noise > 0.0)?;
         let seen = map.round().is_none() && COUNTS * map.count_mm() <= noise_mm;
@@ -28,7 +28,7 @@ impl Standing {
         seen.then_some(Self { patience, value_mm, since, times: 0, stood: false })
     }
 
-    /// Whether it has stood for too long, `value_mm` being what was read `now`.
+    /// Whether the value has been unchanged for too long; `value_mm` was read at `now`.
     pub fn sees(&mut self, value_mm: f64, now: Instant) -> bool {
         if value_mm != self.value_mm {
             *self = Self { value_mm, since: now, times: 0, ..*self };
@@ -38,12 +38,12 @@ impl Standing {
         self.stood
     }
 
-    /// What was read last had stood for too long.
+    /// Whether the last value had been unchanged for too long.
     pub fn stood(&self) -> bool {
         self.stood
     }
 
-    /// So many have been the same up to now.
+    /// Number of equal values up to now.
     pub fn times(&self) -> u32 {
         self.times
     }
@@ -60,10 +60,10 @@ mod tests {
         let (value_mm, since) = (f64::NAN, begun);
         let mut standing = Standing { patience, value_mm, since, times: 0, stood: false };
         let at = |ms: u64| begun + Duration::from_millis(ms);
-        // Often, but not for long.
+        // Many equal values, but within a short time.
         assert!((0..200).all(|n| !standing.sees(1.5, at(n))));
         assert!(standing.sees(1.5, at(1000)));
-        // For long, but not often.
+        // A long time, but few equal values.
         assert!((0..19).all(|n| !standing.sees(1.6, at(2000 + 500 * n))));
         assert!(standing.sees(1.6, at(20_000)));
         assert!(!standing.sees(1.5, at(20_001)));

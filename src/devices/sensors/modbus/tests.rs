@@ -1,4 +1,4 @@
-//! The driver against a simulated sensor, and maps that cannot be.
+//! Tests of the driver against a simulated sensor, and of invalid maps.
 
 use std::sync::Arc;
 
@@ -61,7 +61,7 @@ fn registers_are_read_as_the_map_says() {
     assert_eq!(read([0x8000, 0, 2000, 8]), (Err(Flag::Stale), Some(8)));
     assert_eq!(read([0, 0x8000, 0, 8]), (Err(Flag::Range), Some(8)));
     assert_eq!(map.round(), Some(65_536));
-    // Nothing else may be reached, and nothing written.
+    // Only the span may be read, and nothing written.
     let allowed = config.settings().allowed;
     assert_eq!((allowed.read, allowed.write), (vec![map.span], vec![]));
 
@@ -120,7 +120,8 @@ fn maps_that_cannot_be_are_refused_in_words() {
     assert!(refused(&format!("rate_hz = 0\n{MAP}")).contains("`rate_hz`"));
 }
 
-/// The newest value alone: whether it stands shows in its noise, if that is declared.
+/// The registers hold only the newest value: an unchanged value shows by its noise, if the noise is
+/// declared.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_show() {
     let prepared = async |noise_um: Option<f64>, step: f64| {
@@ -147,7 +148,8 @@ async fn without_a_counter_a_value_that_never_changes_is_seen_where_noise_would_
     assert!(stands.contains("value is always the same"), "{stands}");
     let lives = prepared(Some(0.5), 0.013).await.unwrap();
     assert!(lives.contains("seen by its noise alone"), "{lives}");
-    // Coarser than its noise, or of unknown noise: nobody can know, and it is said.
+    // The noise is less than the counts require, or unknown: detection is impossible, and the identity
+    // states it.
     for noise_um in [None, Some(0.01)] {
         let unseen = prepared(noise_um, 0.0).await.unwrap();
         assert!(unseen.contains("should its value stand, nobody sees it"), "{unseen}");

@@ -1,4 +1,4 @@
-//! The checksum of a frame, by its usual name.
+//! Checksum of a frame, selected by its usual name.
 
 use crc::{
     CRC_8_SMBUS, CRC_16_IBM_3740, CRC_16_KERMIT, CRC_16_MODBUS, CRC_16_XMODEM, CRC_32_ISO_HDLC, Crc,
@@ -7,24 +7,24 @@ use serde::Deserialize;
 
 use crate::sensors::field::Order;
 
-/// `checksum = { kind = "crc16-modbus", order = "little" }`.
+/// Keys of the checksum: `checksum = { kind = "crc16-modbus", order = "little" }`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Keys {
     kind: Kind,
     order: Option<Order>,
-    /// `sync` is summed as well.
+    /// Whether the checksum includes `sync`.
     #[serde(default)]
     with_sync: bool,
 }
 
-/// The names; the CRCs are those of the catalogue of parametrised CRC algorithms.
+/// Kinds of checksum; the CRCs are those of the catalogue of parametrised CRC algorithms.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Kind {
-    /// The low byte of the sum.
+    /// The low byte of the sum of all bytes.
     Sum,
-    /// All bytes, exclusive or.
+    /// Exclusive or of all bytes.
     Xor,
     Crc8,
     Crc16Modbus,
@@ -32,7 +32,7 @@ enum Kind {
     Crc16Ccitt,
     Crc16Xmodem,
     Crc16Kermit,
-    /// ISO-HDLC, that of zip files.
+    /// ISO-HDLC, as in zip files.
     Crc32,
 }
 
@@ -44,13 +44,13 @@ pub(super) struct Checksum {
 }
 
 impl Checksum {
-    /// With its keys, in words.
+    /// Describes the checksum with its keys.
     pub fn in_full(&self) -> String {
         let Self { kind, order, with_sync } = self;
         format!("{kind:?}, order {order:?}, with_sync {with_sync}").to_lowercase()
     }
 
-    /// Bytes.
+    /// Width of the checksum, bytes.
     pub fn width(&self) -> usize {
         match self.kind {
             Kind::Sum | Kind::Xor | Kind::Crc8 => 1,
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn the_check_values_of_the_catalogue() {
-        // For the text 123456789, as the catalogue of parametrised CRC algorithms has them.
+        // Values for the text 123456789, from the catalogue of parametrised CRC algorithms.
         let of = |kind| Checksum { kind, order: Order::Big, with_sync: false }.of(b"123456789");
         assert_eq!(of(Kind::Crc8), 0xF4);
         assert_eq!(of(Kind::Crc16Modbus), 0x4B37);
@@ -110,7 +110,7 @@ mod tests {
         assert_eq!(of(Kind::Crc16Xmodem), 0x31C3);
         assert_eq!(of(Kind::Crc16Kermit), 0x2189);
         assert_eq!(of(Kind::Crc32), 0xCBF4_3926);
-        // 477 = 0x1DD; the digits 1 to 9 exclusive or 0x30 nine times is 0x31.
+        // The sum is 477 = 0x1DD; the exclusive or of the digits 1 to 9, with 0x30 nine times, is 0x31.
         assert_eq!(of(Kind::Sum), 0xDD);
         assert_eq!(of(Kind::Xor), 0x31);
     }

@@ -1,4 +1,4 @@
-//! `[sensor.serial]`.
+//! Keys of `[sensor.serial]`.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -21,9 +21,9 @@ struct Keys {
     tcp: Option<HostPort>,
     #[serde(default = "timeout_s")]
     timeout_s: f64,
-    /// What makes it say one sample; absent: it sends by itself.
+    /// Request for one sample; if absent, the sensor sends by itself.
     request: Option<String>,
-    /// At most so often it is asked; absent: as fast as it answers.
+    /// Maximum rate of the requests, Hz; if absent, as fast as the sensor answers.
     rate_hz: Option<f64>,
     line: Option<line::Keys>,
     frame: Option<frame::Keys>,
@@ -33,15 +33,15 @@ fn timeout_s() -> f64 {
     0.5
 }
 
-/// How a sensor on a serial line is reached and understood.
+/// Address of a sensor on a serial line, and format of its data.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
     pub(super) at: link::Named,
-    /// How long it may say nothing.
+    /// Maximum time without data.
     pub(super) timeout: Duration,
     pub(super) request: Option<Vec<u8>>,
-    /// Between two requests.
+    /// Time between two requests.
     pub(super) pace: Duration,
     pub(super) form: Form,
 }
@@ -83,8 +83,8 @@ impl TryFrom<Keys> for Config {
 }
 
 impl Config {
-    /// With what sensors that share the port must have alike. One that answers requests reads its own replies
-    /// alone, so that their form is its own matter.
+    /// Returns the port with the keys that must be equal for all sensors on it. A sensor that answers
+    /// requests reads only its own replies, so its format may differ.
     pub(super) fn shared_port(&self) -> Port {
         let seconds = self.timeout.as_secs_f64();
         let request = if self.request.is_some() { "set" } else { "not set" };

@@ -1,10 +1,11 @@
-//! Bytes to whole pieces, whatever comes: split anywhere, unreadable, endless.
+//! Cuts a byte stream into whole pieces. The stream may be split anywhere, unreadable, or without an end of
+//! line.
 
 use super::form::Form;
 use super::{frame, line};
 use crate::sensors::layout::Decoded;
 
-/// A line that is longer is no line.
+/// Maximum length of a line, bytes; longer input is not a line.
 const LONGEST: usize = 512;
 
 #[derive(Debug, PartialEq)]
@@ -13,7 +14,7 @@ pub(super) enum Piece {
         said: Decoded,
         bytes: usize,
     },
-    /// It cannot be understood.
+    /// Bytes that cannot be decoded.
     Spoilt(Vec<u8>),
 }
 
@@ -21,7 +22,7 @@ pub(super) enum Piece {
 pub(super) struct Cutter {
     form: Form,
     held: Vec<u8>,
-    /// It is not known where in a piece the bytes begin: up to the next beginning nothing counts.
+    /// Whether the bytes may begin within a piece: everything before the next start of a piece is ignored.
     fresh: bool,
 }
 
@@ -30,13 +31,13 @@ impl Cutter {
         Self { form, held: Vec::new(), fresh: true }
     }
 
-    /// Everything held is forgotten; `within`: what comes may begin within a piece.
+    /// Discards all bytes held. `within`: the next bytes may begin within a piece.
     pub fn begin(&mut self, within: bool) {
         self.held.clear();
         self.fresh = within;
     }
 
-    /// All that `bytes` completes, in order.
+    /// Returns all pieces that `bytes` completes, in order.
     pub fn push(&mut self, bytes: &[u8]) -> Vec<Piece> {
         self.held.extend_from_slice(bytes);
         match &self.form {
@@ -52,7 +53,7 @@ fn lines(layout: &line::Layout, held: &mut Vec<u8>, fresh: &mut bool) -> Vec<Pie
         let rest = held.split_off(at + layout.end.len());
         let ended = std::mem::replace(held, rest);
         let line = ended.get(..at).unwrap_or_default().trim_ascii();
-        // An empty line says nothing: some ends are two of another kind.
+        // An empty line is ignored: some line ends consist of two others.
         if std::mem::take(fresh) || line.is_empty() {
             continue;
         }
@@ -72,7 +73,7 @@ fn frames(layout: &frame::Layout, held: &mut Vec<u8>, fresh: &mut bool) -> Vec<P
     let mut pieces = Vec::new();
     let mut spoilt = Vec::new();
     loop {
-        // What may still be the beginning of a frame stays.
+        // Keep bytes that may be the beginning of a frame.
         let begin = find(held, &layout.sync)
             .unwrap_or_else(|| held.len().saturating_sub(layout.sync.len() - 1));
         spoilt.extend(held.drain(..begin));
@@ -86,11 +87,11 @@ fn frames(layout: &frame::Layout, held: &mut Vec<u8>, fresh: &mut bool) -> Vec<P
                 spoilt.clear();
                 pieces.push(Piece::Whole { said, bytes: layout.whole() });
             }
-            // Those bytes stood there by chance, or something is missing behind them.
+            // The sync bytes were there by chance, or bytes after them are missing.
             None => spoilt.extend(held.drain(..1)),
         }
     }
-    // While nothing was understood it counts all the same: it may be noise.
+    // Bytes before the first valid piece count as invalid too: they may be noise.
     if !spoilt.is_empty() {
         pieces.push(Piece::Spoilt(spoilt));
     }

@@ -1,4 +1,4 @@
-//! One sample after the other from what comes on a serial line.
+//! Driver: samples from the data of a serial line.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -16,14 +16,14 @@ use crate::sensors::{
 use link::{Came, Clock, Flow, SharedPorts};
 use machine::record::sensor;
 
-/// How long it is listened to before it is called ready, and how many samples are enough.
+/// Time for which the sensor is read before it counts as ready. `ENOUGH`: number of samples that is enough.
 const LISTEN: Duration = Duration::from_millis(500);
 const ENOUGH: usize = 50;
 
-/// What came, in its order.
+/// A decoded piece of the stream, in order.
 enum Ready {
     Said(Instant, Decoded),
-    /// Something that could not be understood.
+    /// Bytes that could not be decoded.
     Broken,
 }
 
@@ -31,25 +31,25 @@ pub struct Serial {
     config: Config,
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
-    /// Other sensors may be on the same port.
+    /// Ports that other sensors may share.
     ports: SharedPorts,
     flow: Option<Flow>,
     cutter: Cutter,
     counting: Counting,
-    /// Understood, and not yet taken.
+    /// Decoded samples that have not been read yet.
     ready: VecDeque<Ready>,
     heard: Heard,
-    /// Samples a second of a sensor whose time stands still while nobody asks it.
+    /// Samples a second of a simulated sensor whose time advances only when it receives a request.
     simulated_hz: Option<f64>,
-    /// No request goes out before.
+    /// Time before which no request is sent.
     next_request: Instant,
 }
 
 impl Serial {
-    /// Open where `config` says, or share what is open there.
+    /// Opens the port of `config`, or shares it if it is open.
     ///
     /// # Errors
-    /// What opening says.
+    /// The port cannot be opened.
     pub async fn open(
         config: Config,
         sensor: &sensor::Sensor,
@@ -61,7 +61,8 @@ impl Serial {
         Ok(serial)
     }
 
-    /// Over a stream inside this process, to a sensor whose time stands still while it is not asked.
+    /// Creates a driver on a stream inside this process, for a simulated sensor whose time advances only
+    /// when it receives a request.
     pub fn over(
         flow: Flow,
         config: Config,
@@ -107,8 +108,8 @@ impl Serial {
         Ok(())
     }
 
-    /// The next piece that can be understood, after a request if the sensor needs one; `None`: not before
-    /// `deadline`, by default the sensor's time-out.
+    /// Returns the next piece that can be decoded, after a request if the sensor needs one; `None` if none
+    /// comes before `deadline`, by default the sensor's timeout.
     async fn query(
         &mut self,
         deadline: Option<Instant>,
@@ -117,7 +118,7 @@ impl Serial {
         let Some(request) = self.config.request.clone() else {
             return self.said(deadline.unwrap_or_else(|| Instant::now() + timeout)).await;
         };
-        // A timer's shortest wait is a millisecond.
+        // The shortest wait of a timer is a millisecond.
         if Instant::now() < self.next_request {
             sleep_until(self.next_request).await;
         }
@@ -135,17 +136,17 @@ impl Serial {
         self.next_request = Instant::now() + self.config.pace;
         self.ready.clear();
         self.cutter.begin(false);
-        // What came unasked is no answer.
+        // Data that came before the request are no answer to it.
         let flow = self.flow()?;
         flow.forget().await?;
         flow.send(request)?;
         Ok(())
     }
 
-    /// Wait until nothing has come for the time-out: then no late answer can be taken for the next one.
+    /// Waits until nothing has come for the timeout: then no late answer can be taken for the next one.
     async fn fall_quiet(&mut self) -> Result<(), SensorError> {
         let patience = self.config.timeout;
-        // One that never falls quiet does not answer: it sends by itself.
+        // A sensor that never falls silent does not answer requests: it sends by itself.
         let end = Instant::now() + 10 * patience;
         while Instant::now() < end {
             if self.flow()?.recv_deadline(Instant::now() + patience).await?.is_none() {
@@ -158,7 +159,7 @@ impl Serial {
         })
     }
 
-    /// The next piece that can be understood; `None`: not before `deadline`.
+    /// Returns the next piece that can be decoded; `None` if none comes before `deadline`.
     async fn said(&mut self, deadline: Instant) -> Result<Option<(Instant, Decoded)>, SensorError> {
         loop {
             match self.ready.pop_front() {
@@ -190,7 +191,7 @@ impl Serial {
                 }
                 Piece::Spoilt(bytes) => {
                     self.heard.spoilt(&bytes);
-                    // A counter knows better.
+                    // A counter shows the loss more precisely.
                     if self.config.form.round().is_none() {
                         self.ready.push_back(Ready::Broken);
                     }
@@ -204,7 +205,7 @@ impl Serial {
         self.clock.now_s() - ago.as_secs_f64()
     }
 
-    /// How many samples were understood, and the times of the first and the last.
+    /// Returns the number of decoded samples, and the time from the first to the last.
     async fn listen(&mut self) -> Result<(usize, Duration), SensorError> {
         self.heard = Heard::default();
         let begun = Instant::now();

@@ -1,8 +1,8 @@
-//! What the two forms share.
+//! The two formats of serial data, and what they share.
 
 use super::{frame, line};
 
-/// How what comes is cut and understood.
+/// Format by which the stream is cut and decoded.
 #[derive(Debug, Clone)]
 pub(super) enum Form {
     Line(line::Layout),
@@ -10,7 +10,7 @@ pub(super) enum Form {
 }
 
 impl Form {
-    /// After how many samples the counter begins anew, if there is one.
+    /// Number of samples after which the counter restarts, if there is one.
     pub fn round(&self) -> Option<u64> {
         match self {
             Self::Line(layout) => layout.round(),
@@ -18,7 +18,7 @@ impl Form {
         }
     }
 
-    /// After how many counts the encoder's count begins anew, if a sample carries it.
+    /// Number of counts after which the encoder's count restarts, if a sample carries it.
     pub fn encoder_round(&self) -> Option<u64> {
         match self {
             Self::Line(layout) => layout.encoder_round(),
@@ -26,7 +26,7 @@ impl Form {
         }
     }
 
-    /// The keys by which what comes is cut into lines or frames, with their values.
+    /// Keys that determine how the stream is cut into lines or frames, with their values.
     pub fn framing(&self) -> Vec<(&'static str, String)> {
         match self {
             Self::Line(layout) => layout.framing().to_vec(),

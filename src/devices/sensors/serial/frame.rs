@@ -1,5 +1,5 @@
-//! A frame of bytes: `sync`, then `length` bytes that hold the numbers, then the checksum, then `tail`.
-//! So numbers cannot overlap with what frames them.
+//! A frame of bytes: `sync`, then `length` bytes that hold the numbers, then the checksum, then `tail`. So
+//! numbers cannot overlap with the framing.
 
 use serde::Deserialize;
 
@@ -7,7 +7,7 @@ use super::checksum::{Checksum, Keys as ChecksumKeys};
 use crate::sensors::field::Order;
 use crate::sensors::layout::{self, CounterKeys, Decoded, EncoderCountKeys, StatusKeys, ValueKeys};
 
-/// `[sensor.serial.frame]`; bytes count from 0 behind `sync`.
+/// Keys of `[sensor.serial.frame]`; bytes count from 0 after `sync`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Keys {
@@ -24,7 +24,7 @@ pub(super) struct Keys {
     checksum: Option<ChecksumKeys>,
 }
 
-/// A layout that was found sound.
+/// A frame layout that has passed the checks.
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
     pub sync: Vec<u8>,
@@ -45,7 +45,7 @@ impl Layout {
         self.numbers.encoder_round()
     }
 
-    /// What sensors of one port must have alike.
+    /// Keys that must be equal for all sensors of one port.
     pub fn framing(&self) -> [(&'static str, String); 5] {
         let checksum = self.checksum.as_ref();
         [
@@ -57,13 +57,13 @@ impl Layout {
         ]
     }
 
-    /// Bytes of a whole frame.
+    /// Length of a whole frame, bytes.
     pub fn whole(&self) -> usize {
         let check = self.checksum.as_ref().map_or(0, Checksum::width);
         self.sync.len() + self.length + check + self.tail.len()
     }
 
-    /// A whole frame; `None`: it cannot be understood.
+    /// Decodes a whole frame; `None` if it is invalid.
     pub fn read(&self, frame: &[u8]) -> Option<Decoded> {
         let rest = frame.strip_prefix(self.sync.as_slice())?.strip_suffix(self.tail.as_slice())?;
         let (body, check) = rest.split_at_checked(self.length)?;

@@ -1,4 +1,4 @@
-//! A line of text: which part of it is the value.
+//! A line of text: position and format of the value in it.
 
 use std::collections::BTreeMap;
 
@@ -8,20 +8,20 @@ use crate::sensors::encoder;
 use crate::sensors::layout::{Decoded, Means};
 use machine::record::reading::Flag;
 
-/// `[sensor.serial.line]`.
+/// Keys of `[sensor.serial.line]`.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Keys {
     #[serde(default = "feed")]
     end: String,
-    /// What each line begins with, and what it ends with.
+    /// Text at the beginning of each line; `suffix`: text at its end.
     #[serde(default)]
     prefix: String,
     #[serde(default)]
     suffix: String,
-    /// Between columns; absent: what stands between prefix and suffix is the one column.
+    /// Text between columns; if absent, the text between prefix and suffix is the only column.
     separator: Option<String>,
-    /// A line of another number of columns is not understood.
+    /// Number of columns; a line with another number is invalid.
     columns: Option<usize>,
     value: ValueKeys,
     counter: Option<CounterKeys>,
@@ -30,7 +30,7 @@ pub(super) struct Keys {
     status: Vec<StatusKeys>,
 }
 
-/// value = `offset_mm` + `scale_mm` × the number; columns count from 1.
+/// Keys of the value: value = `offset_mm` + `scale_mm` × the number; columns count from 1.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ValueKeys {
@@ -39,7 +39,7 @@ struct ValueKeys {
     scale_mm: f64,
     #[serde(default)]
     offset_mm: f64,
-    /// Words that stand where the value does.
+    /// Words that may appear in place of the value.
     #[serde(default)]
     codes: Vec<CodeKeys>,
 }
@@ -51,7 +51,7 @@ struct CodeKeys {
     means: Means,
 }
 
-/// One more with each sample, up to `round` - 1, and from 0 again.
+/// Keys of the counter: it increases by one with each sample, up to `round` - 1, and restarts from 0.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct CounterKeys {
@@ -59,7 +59,7 @@ struct CounterKeys {
     round: u64,
 }
 
-/// The count of a rotary encoder, a whole number; without `round` it has no end.
+/// Keys of the count of a rotary encoder, an integer; without `round` it is unlimited.
 #[derive(Debug, Clone, Copy, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct EncoderCountKeys {
@@ -83,7 +83,7 @@ fn one() -> usize {
     1
 }
 
-/// A layout that was found sound.
+/// A line layout that has passed the checks.
 #[derive(Debug, Clone)]
 pub(super) struct Layout {
     pub end: Vec<u8>,
@@ -95,15 +95,15 @@ pub(super) struct Layout {
     scale_mm: f64,
     offset_mm: f64,
     counter: Option<CounterKeys>,
-    /// Column, and the number of different counts.
+    /// Column of the encoder's count, and number of different counts.
     encoder: Option<(usize, u64)>,
-    /// Column, text, meaning.
+    /// Column, text and meaning of each status.
     says: Vec<(usize, String, Flag)>,
 }
 
-/// How many different numbers a counter may have.
+/// Permitted range of the number of different counts of a counter.
 const ROUNDS: std::ops::RangeInclusive<u64> = 2..=1 << 32;
-/// What a number is written with.
+/// Characters of a number.
 const OF_NUMBERS: &str = "0123456789+-.eE";
 
 impl Layout {
@@ -115,7 +115,7 @@ impl Layout {
         self.encoder.map(|(_, round)| round)
     }
 
-    /// What sensors of one port must have alike.
+    /// Keys that must be equal for all sensors of one port.
     pub fn framing(&self) -> [(&'static str, String); 6] {
         let or_none = |text: Option<String>| text.unwrap_or("not set".to_owned());
         [
@@ -128,7 +128,7 @@ impl Layout {
         ]
     }
 
-    /// A line without its end; `None`: it cannot be understood.
+    /// Decodes a line without its end; `None` if it is invalid.
     pub fn read(&self, line: &[u8]) -> Option<Decoded> {
         let text = std::str::from_utf8(line).ok()?;
         let rest = text.strip_prefix(self.prefix.as_str())?.strip_suffix(self.suffix.as_str())?;
@@ -170,7 +170,7 @@ impl Layout {
     }
 }
 
-/// Decimal; not all that Rust takes for one (`inf`, `nan`).
+/// Parses a decimal number; unlike Rust it accepts no `inf` or `nan`.
 fn number(text: &str) -> Option<f64> {
     let plain = text.chars().all(|character| OF_NUMBERS.contains(character));
     text.parse().ok().filter(|number: &f64| plain && number.is_finite())
@@ -244,7 +244,7 @@ fn check_numbers(value: &ValueKeys) -> Result<(), String> {
     Ok(())
 }
 
-/// No column has two meanings, except several texts of one status.
+/// Checks that no column has two meanings, except several texts of one status.
 fn check_columns(keys: &Keys) -> Result<(), String> {
     let mut taken = BTreeMap::new();
     let named = [

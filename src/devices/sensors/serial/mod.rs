@@ -1,15 +1,16 @@
-//! Displacement sensors on a serial line, or behind a converter that passes its bytes on: lines of text,
-//! or frames of bytes, as the machine file describes them. They send by themselves, or answer a request.
+//! Driver of displacement sensors on a serial line, or behind a converter that passes its bytes on: lines
+//! of text, or frames of bytes, as the machine file describes them. A sensor sends by itself, or answers
+//! requests.
 //!
-//! What comes is cut into whole pieces (`cut.rs`) and understood by one of two forms (`line.rs`,
-//! `frame.rs`):
-//! - A piece that cannot be understood is no sample. Where the sensor counts, its counter says what is
-//!   missing; where it does not, the next good sample is flagged `Gap`, and how much is missing is not
-//!   known. Nothing but such pieces is silence: `Stale` after the time-out.
-//! - The counter stands: the sample came before, `Stale`.
-//! - A line without prefix, suffix, fixed number of columns or counter can lose a digit on its way and
-//!   still be a number. Nothing tells that; a checksum does, one of a single byte 255 times in 256.
-//! - The time of a sample is that at which the read that completed it returned.
+//! The byte stream is cut into whole pieces (`cut.rs`), and these are decoded by one of two formats
+//! (`line.rs`, `frame.rs`):
+//! - A piece that cannot be decoded is no sample. If the sensor has a counter, it shows how many samples
+//!   are missing; if not, the next valid sample is flagged `Gap`, and the number of missing samples is
+//!   unknown. A stream of such pieces alone is silence: `Stale` after the timeout.
+//! - An unchanged counter means an old sample: `Stale`.
+//! - A line without prefix, suffix, fixed number of columns or counter can lose a digit in transmission and
+//!   still be a number. Only a checksum detects this; a checksum of a single byte does so 255 times in 256.
+//! - The time of a sample is the time at which the read of its last byte returned.
 
 mod checksum;
 mod config;

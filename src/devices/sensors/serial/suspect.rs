@@ -1,16 +1,16 @@
-//! Why nothing that comes is understood, in words.
+//! Reasons why no data can be decoded, in words.
 
 use super::form::Form;
 use crate::sensors::SensorError;
 
-/// What came while the sensor was first listened to.
+/// Data received during the first observation of the sensor.
 #[derive(Debug, Default)]
 pub(super) struct Heard {
     pub good_bytes: usize,
     pub spoilt_bytes: usize,
-    /// The first of what could not be understood.
+    /// The first bytes that could not be decoded.
     example: Vec<u8>,
-    /// All bytes, whole pieces or not, and the first of them.
+    /// Number of all bytes, in whole pieces or not; `first` are the first of them.
     pub bytes: usize,
     first: Vec<u8>,
 }
@@ -28,7 +28,7 @@ impl Heard {
         append(&mut self.example, bytes);
     }
 
-    /// More is spoilt than is good.
+    /// Whether more bytes are invalid than valid.
     pub fn is_noise(&self) -> bool {
         self.spoilt_bytes > self.good_bytes
     }

@@ -1,4 +1,4 @@
-//! The driver against bytes written out by hand.
+//! Tests of the driver with bytes written by hand.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -57,11 +57,11 @@ fn clock() -> Arc<HostClock> {
     Arc::new(HostClock::start())
 }
 
-/// Value or flag, and the counter.
+/// Value or flag, and the count.
 type Told = (Result<f64, Flag>, Option<u64>);
 
-/// What the cutter makes of `bytes`: values or flags with their counters, and `None` where something
-/// was spoilt.
+/// Result of the cutter for `bytes`: values or flags with their counts, and `None` for bytes that could not
+/// be decoded.
 fn cut(layout: &str, parts: &[&[u8]]) -> Vec<Option<Told>> {
     let mut cutter = Cutter::new(config(layout).form);
     cutter.begin(false);
@@ -99,11 +99,11 @@ fn what_is_no_line_of_the_layout_is_no_sample() {
         assert_eq!(cut(LINE, &[line.as_bytes(), b"\r\n"]), [None], "{line}");
     }
     assert_eq!(cut(LINE, &[b"D1\xFF;7;\r\nD1000;8;\r\n"]), [None, mm(1.0, 8)]);
-    // An endless line is told once for each piece of it, and is not kept.
+    // An endless line is reported once for each piece of it, and is not stored.
     assert_eq!(cut(LINE, &[&[b'D'; 600], &[b'D'; 300], b"\r\nD1000;8;\r\n"]), [None, mm(1.0, 8)]);
 }
 
-/// 24 bit little: 2000 = D0 07 00, -1500 = 24 FA FF; exclusive or by hand.
+/// 24 bits, little-endian: 2000 = D0 07 00, -1500 = 24 FA FF; the exclusive or was computed by hand.
 const TWO: [u8; 9] = [0xA5, 0x5A, 0xD0, 0x07, 0x00, 0x07, 0x00, 0xD0, 0x0D];
 const MINUS: [u8; 9] = [0xA5, 0x5A, 0x24, 0xFA, 0xFF, 0x08, 0x00, 0x29, 0x0D];
 const FAR: [u8; 9] = [0xA5, 0x5A, 0x00, 0x00, 0x00, 0x09, 0x80, 0x89, 0x0D];
@@ -130,7 +130,7 @@ fn a_byte_too_few_or_too_many_spoils_one_frame() {
         let found = cut(FRAME, &[&MINUS, &flipped, &FAR]);
         assert_eq!(found.iter().flatten().count(), 2, "byte {at} flipped: {found:?}");
     }
-    // A value that looks like the sync bytes, A5 5A 00: the checksum tells.
+    // A value equal to the sync bytes, A5 5A 00: the checksum shows the true beginning.
     let alike = [0xA5, 0x5A, 0xA5, 0x5A, 0x00, 0x03, 0x00, 0xFC, 0x0D];
     assert_eq!(cut(FRAME, &[&alike[1..], &alike]).into_iter().flatten().count(), 1);
 }
@@ -160,7 +160,7 @@ fn layouts_that_cannot_be_are_refused_in_words() {
     assert!(frame("kind = \"xor\"", "kind = \"luhn\"").contains("unknown variant"));
 }
 
-/// A driver, and the far end of its wire.
+/// A driver, and the far end of its connection.
 async fn over_tcp(layout: &str) -> (Serial, TcpStream) {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let at = listener.local_addr().unwrap();
@@ -169,7 +169,7 @@ async fn over_tcp(layout: &str) -> (Serial, TcpStream) {
     (serial, listener.accept().await.unwrap().0)
 }
 
-/// As value in um or flag, and how many are missing.
+/// Value in um or flag, and number of missing samples.
 fn short(sample: Sample) -> (i64, &'static str, u32) {
     let um = sample.value_mm.map_or(0, |mm| (mm * 1000.0).round() as i64);
     assert_eq!(sample.value_mm.is_some(), matches!(sample.flag, Flag::None | Flag::Gap));
@@ -202,7 +202,7 @@ async fn what_a_sensor_says_is_flagged_as_it_is() {
     far.write_all(b"D9;11;\r\nD10;12;\r\n").await.unwrap();
     assert_eq!(short(serial.next().await.unwrap()), (9, "", 0));
     serial.forget().await.unwrap();
-    // What was not taken is not missing.
+    // Samples that were not read are not missing.
     far.write_all(b"D11;50;\r\nD12;51;\r\n").await.unwrap();
     assert_eq!(short(serial.next().await.unwrap()), (12, "", 0));
     drop(far);
@@ -284,7 +284,7 @@ async fn a_sensor_at_another_bit_rate_is_told_by_its_noise() {
     };
     for baud in [115_200, 57_600, 9_600] {
         let mut serial = loop {
-            // The last one closes its port on a thread of its own.
+            // The previous driver closes its port on a thread of its own.
             match at(baud).await {
                 Err(_) => tokio::time::sleep(Duration::from_millis(1)).await,
                 Ok(serial) => break serial,
@@ -308,7 +308,7 @@ async fn the_count_of_an_encoder_comes_with_the_sample() {
     for count in [65_535, 0, 65_535, 1] {
         assert_eq!(serial.next().await.unwrap().encoder_count, Some(count));
     }
-    // Nothing comes.
+    // No data come.
     assert_eq!(serial.next().await.unwrap().encoder_count, None);
     let endless = format!("[line]\n{columns}encoder_count = {{ column = 2 }}");
     assert_eq!(config(&endless).form.encoder_round(), Some(1 << 32));

@@ -1,4 +1,4 @@
-//! Why a thermometer says nothing, and what a person should do next.
+//! Errors of a thermometer, and what the operator should do next.
 
 use super::SENSIBLE_C;
 use link::modbus::ModbusError;
@@ -17,10 +17,10 @@ pub enum ThermometerError {
 }
 
 impl ThermometerError {
-    /// What to do next.
+    /// What the operator should do next.
     pub fn remedy(&self) -> String {
         match self {
-            // Of the machine, whose state nobody need doubt, the link's own words would speak.
+            // The link's own message concerns the machine, whose state is not in doubt here.
             Self::Modbus(ModbusError::Lost { .. } | ModbusError::Ended { .. }) => {
                 "see to the thermometer's power and cable".to_owned()
             }

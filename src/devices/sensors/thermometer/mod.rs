@@ -1,5 +1,6 @@
-//! Thermometers beside a run: each reading carries what they say. They are read beside it and nobody waits
-//! for one; one that is away or says nonsense gives no value, and never its last.
+//! Thermometers whose temperatures each reading carries. They are polled in parallel with the run, which
+//! never waits for them; a thermometer that is disconnected or reports an impossible value gives no value,
+//! and never its last one.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -17,27 +18,27 @@ pub use watch::Watch;
 
 use modbus::Bus;
 
-/// A thermometer as `[[thermometer]]` states it.
+/// A thermometer, from `[[thermometer]]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Entry {
     pub name: String,
-    /// So long what it said last is still true.
+    /// Time for which the last value is valid.
     stale: Duration,
     reached: Reached,
 }
 
 #[derive(Debug, Clone)]
 enum Reached {
-    /// It feels the simulated machine, which `[simulated]` describes.
+    /// The thermometer measures the simulated machine, which `[simulated]` describes.
     Simulated,
     Modbus(modbus::Config),
 }
 
-/// Gives what a simulated thermometer says now, °C.
+/// Returns the present temperature of a simulated thermometer, °C.
 pub type Feel = Box<dyn Fn() -> Option<f64> + Send + Sync>;
 
-/// The list: a new way to reach one is a table here and a line in [`Keys::reached`].
+/// Keys of a thermometer: a new kind of connection is a table here and a line in [`Keys::reached`].
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Keys {
@@ -48,7 +49,7 @@ struct Keys {
     simulated: Option<Simulated>,
 }
 
-/// `[thermometer.simulated]`: what it feels stands in `[[simulated.thermometer]]`.
+/// Keys of `[thermometer.simulated]`: `[[simulated.thermometer]]` describes what it measures.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Simulated {}
@@ -57,14 +58,15 @@ fn usual_stale_s() -> f64 {
     30.0
 }
 
-/// Places in a machine shop, °C. Broken sensors show the ends of their range: -200, 850, 3276.7.
+/// Plausible temperatures in a machine shop, °C. Broken sensors show the ends of their range: -200, 850,
+/// 3276.7.
 const SENSIBLE_C: std::ops::RangeInclusive<f64> = -40.0..=80.0;
-/// It stands in the heads of tables and beside curves.
+/// Maximum length of a name, which appears in table headings and beside curves.
 const LONGEST_NAME: usize = 24;
 
 impl Keys {
     /// # Errors
-    /// None of the tables, or several.
+    /// None of the tables is given, or several are.
     fn reached(&mut self) -> Result<Reached, String> {
         let modbus = self.modbus.take().map(Reached::Modbus);
         let simulated = self.simulated.take().map(|_| Reached::Simulated);
@@ -100,7 +102,7 @@ impl TryFrom<Keys> for Entry {
 }
 
 impl Entry {
-    /// Where it is reached, in words.
+    /// Address of the thermometer, in words.
     pub fn at(&self) -> String {
         match &self.reached {
             Reached::Simulated => "simulated".to_owned(),
@@ -109,8 +111,8 @@ impl Entry {
     }
 }
 
-/// Ask each of `entries` once, °C; `feel` is what a simulated one of a name feels by. Call inside a tokio
-/// runtime.
+/// Reads each of `entries` once, °C; `feel` returns the source of a simulated thermometer by its name. Call
+/// inside a tokio runtime.
 pub async fn once(
     entries: &[Entry],
     feel: impl Fn(&str) -> Option<Feel>,
@@ -127,7 +129,7 @@ pub async fn once(
     said
 }
 
-/// Those behind one device share its link: a serial port is opened once.
+/// Groups thermometers by device. Those of one device share its link: a serial port is opened once.
 fn by_device(entries: &[Entry]) -> BTreeMap<String, Vec<(&Entry, &modbus::Config)>> {
     let mut devices: BTreeMap<String, Vec<_>> = BTreeMap::new();
     for entry in entries {

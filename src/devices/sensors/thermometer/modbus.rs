@@ -1,5 +1,5 @@
-//! `[thermometer.modbus]`: a temperature in an input or holding register. Nothing but the registers of the
-//! declared thermometers is read, and nothing is written.
+//! Keys of `[thermometer.modbus]`: a temperature in an input or holding register. Only the registers of the
+//! declared thermometers are read, and none is written.
 
 use std::path::PathBuf;
 
@@ -29,7 +29,7 @@ struct Keys {
     value: ValueKeys,
 }
 
-/// °C = `offset_c` + `scale_c` × the number; registers count from 0.
+/// Keys of the value: °C = `offset_c` + `scale_c` × the number; registers count from 0.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct ValueKeys {
@@ -51,13 +51,13 @@ fn input() -> Space {
     Space::Input
 }
 
-/// How a thermometer behind registers is reached and understood.
+/// Address of a thermometer behind Modbus registers, and content of the registers.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub(super) struct Config {
     device: Device,
     span: Range,
-    /// With its scale.
+    /// Format of the number, with its scale.
     number: Number,
     offset_c: f64,
 }
@@ -94,7 +94,7 @@ impl Config {
     }
 }
 
-/// The link to a device, opened by the first who reads, and again after it has ended.
+/// Link to a device. The first read opens it, and reopens it after it has ended.
 pub(super) struct Bus {
     device: Option<Device>,
     allowed: Allowed,
@@ -102,17 +102,17 @@ pub(super) struct Bus {
 }
 
 impl Bus {
-    /// To the device of all of these.
+    /// Creates the link to the device that all `configs` share.
     pub fn of<'c>(mut configs: impl Iterator<Item = &'c Config> + Clone) -> Self {
         let read = configs.clone().map(|config| config.span).collect();
         let device = configs.next().map(|config| config.device.clone());
         Self { device, allowed: Allowed { read, write: Vec::new() }, link: None }
     }
 
-    /// °C.
+    /// Reads the temperature, °C.
     ///
     /// # Errors
-    /// No answer, no number, or nonsense.
+    /// There is no answer, no number, or an impossible temperature.
     pub async fn read(&mut self, config: &Config) -> Result<f64, ThermometerError> {
         let Range { space, first, last } = config.span;
         let said = self.link().await?.read(space, first, last - first + 1).await;

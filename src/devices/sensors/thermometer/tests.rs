@@ -1,4 +1,4 @@
-//! What a machine file may say of thermometers, and what of their answers counts.
+//! Tests of the thermometers in a machine file, and of the validity of their values.
 
 use std::time::Duration;
 
@@ -68,7 +68,7 @@ fn says(celsius: Option<f64>) -> impl Fn(&str) -> Option<Feel> {
     move |_| Some(Box::new(move || celsius))
 }
 
-/// -40 to 80 °C is what a place of a machine has: what is beyond it is no value, and says so.
+/// A machine has -40 to 80 °C: a value beyond this range is an error that states it.
 #[tokio::test]
 async fn nonsense_is_no_temperature() {
     let entries = [simulated("bed")];

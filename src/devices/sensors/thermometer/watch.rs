@@ -1,4 +1,4 @@
-//! What thermometers said last, for whoever takes a reading: a look, and no waiting.
+//! Last values of the thermometers, which a reading takes without waiting.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -9,17 +9,17 @@ use tokio::time::{sleep, timeout};
 use super::modbus::{Bus, Config};
 use super::{Entry, Feel, Reached, ThermometerError, by_device, felt};
 
-/// Before the first touch they have so long to say something: longer than a port may take to be let go of.
+/// Maximum time for the first values before the first touch: longer than a port may take to be released.
 const PATIENCE: Duration = Duration::from_secs(6);
 const LOOK: Duration = Duration::from_millis(10);
-/// It is asked so often while what it said is true, between these two.
+/// Number of requests while a value is valid; the interval of the requests is between the two of `PACES`.
 const ASKED: u32 = 4;
 const PACES: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
-/// Thermometers that are read until this is dropped.
+/// Thermometers that are polled until this is dropped.
 pub struct Watch {
     all: Vec<Watched>,
-    /// What polls them ends with it, after the request under way.
+    /// Ends the polling tasks when it is dropped, after the request that is running.
     _until: Vec<oneshot::Sender<()>>,
 }
 
@@ -30,22 +30,22 @@ struct Watched {
 
 enum By {
     Polled(Arc<Mutex<Said>>, Duration),
-    /// Simulated time stands still meanwhile.
+    /// Simulated time does not advance during the read.
     Felt(Option<Feel>),
 }
 
-/// By one thermometer.
+/// Values of one thermometer.
 #[derive(Default)]
 struct Said {
     newest: Option<(f64, Instant)>,
-    /// Why it said nothing when it was asked last.
+    /// Reason why the last request gave no value.
     why: Option<String>,
     asked: bool,
 }
 
 impl Watch {
-    /// Read `entries` from now on; `feel` is what a simulated one of a name feels by, if there is anything.
-    /// Call inside a tokio runtime.
+    /// Starts to poll `entries`; `feel` returns the source of a simulated thermometer by its name, if there
+    /// is one. Call inside a tokio runtime.
     pub fn of(entries: &[Entry], feel: impl Fn(&str) -> Option<Feel>) -> Self {
         let (mut all, mut until) = (Vec::new(), Vec::new());
         for entry in entries.iter().filter(|entry| matches!(entry.reached, Reached::Simulated)) {
@@ -66,7 +66,7 @@ impl Watch {
         Self { all, _until: until }
     }
 
-    /// Wait until each was asked once; not for long, and for nothing more.
+    /// Waits until each thermometer was read once, at most for `PATIENCE`.
     pub async fn begun(&self) {
         let begun = Instant::now();
         let asked = |watched: &Watched| match &watched.by {
@@ -78,7 +78,7 @@ impl Watch {
         }
     }
 
-    /// Each with what is true of it now, °C, or why nothing is.
+    /// Returns each name with the valid temperature, °C, or the reason why there is none.
     pub fn now(&self) -> Vec<(&str, Result<f64, String>)> {
         let now = |watched: &Watched| match &watched.by {
             By::Felt(feel) => felt(feel.as_ref()).map_err(|error| error.to_string()),
@@ -111,7 +111,7 @@ fn locked(said: &Mutex<Said>) -> std::sync::MutexGuard<'_, Said> {
     said.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// One device, channel by channel.
+/// Polls one device, channel by channel.
 async fn poll(
     channels: Vec<(Config, Arc<Mutex<Said>>)>,
     pace: Duration,
@@ -126,7 +126,7 @@ async fn poll(
                 return;
             }
         }
-        // Its sleep is cut short, never a request.
+        // The end interrupts the pause, never a request.
         if timeout(pace, &mut until).await.is_ok() {
             return;
         }
@@ -137,7 +137,8 @@ async fn poll(
 mod tests {
     use super::*;
 
-    /// What it said last is true for a while, whatever it says then, and never again afterwards.
+    /// The last value is valid for a while, whatever the thermometer reports then, and never again
+    /// afterwards.
     #[test]
     fn what_was_said_is_true_for_a_while() {
         const HOUR: Duration = Duration::from_secs(3600);

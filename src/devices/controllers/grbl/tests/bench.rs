@@ -1,5 +1,5 @@
-//! A peer that is nothing but bytes: a healthy control stands where it was sent and says what a
-//! real grblHAL says (from transcripts); a test makes it odd.
+//! Scripted peers of the driver. A healthy peer reaches its target and answers as a real grblHAL does (from
+//! transcripts); a test replaces some of its answers.
 
 use std::sync::{Arc, Mutex};
 
@@ -7,22 +7,22 @@ use tokio::io::{AsyncReadExt, AsyncWriteExt, DuplexStream};
 
 use link::Link;
 
-/// Everything that came over the wire, as text.
+/// All text that came over the wire.
 pub type Tape = Arc<Mutex<String>>;
 
-/// The answer of `?`.
+/// Answer to `?`.
 pub const IDLE: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:100,100,100|A:|TLR:0>\r\n";
 
-/// The answer of 0x87, which asks for all fields.
+/// Answer to 0x87, the request for all fields.
 pub const FULL: &str = "<Idle|MPos:{at}|Bf:100,1023|FS:0,0|WCO:0.000,0.000,0.000,0.000,0.000|\
     Ov:100,100,100|A:|MPG:0|H:1,31|T:0|TLR:0|FW:grblHAL>\r\n";
 
-/// Those that matter here, of a healthy control.
+/// Settings that matter here, of a healthy control.
 pub const SETTINGS: &str = "$10=511\r\n$13=0\r\n$20=1\r\n$22=35\r\n$130=400.000\r\n$131=400.000\r\n\
     $132=400.000\r\nok\r\n";
 
-/// A peer of bytes alone: `answer` is asked for every line, and for `?`, `!` and 0x87 (as `0x87`) when
-/// they come.
+/// Peer that exchanges bytes only: `answer` is called for every line, and for `?`, `!` and 0x87 (as `0x87`)
+/// when they arrive.
 pub fn peer(mut answer: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
     let (ours, theirs) = tokio::io::duplex(4096);
     let tape = Tape::default();
@@ -55,13 +55,13 @@ async fn talk(
     }
 }
 
-/// Latin-1, so that a script may hold any byte.
+/// Converts text to Latin-1, so that a script may contain any byte.
 fn bytes(text: &str) -> Vec<u8> {
     text.chars().map(|c| c as u8).collect()
 }
 
-/// Where the healthy control stands, and its last probing move. It meets the part at the end of a
-/// touch; the tests tell touches from guarded moves by the feed.
+/// Position of the healthy control, and its last probing move. The stylus touches the part at the end of a
+/// touch; the tests distinguish touches from guarded moves by the feed.
 #[derive(Default)]
 struct Stand {
     at: [f64; 5],
@@ -103,8 +103,8 @@ impl Stand {
     }
 }
 
-/// A healthy peer, save where `odd` answers. In an answer, `{at}` stands for the position and
-/// `{told}` for the last [PRB:..]; one that begins with `>` also obeys the line.
+/// Healthy peer, except where `odd` answers. In an answer, `{at}` is replaced by the position and `{told}`
+/// by the last [PRB:..]; if the answer begins with `>`, the peer also executes the line.
 pub fn odd(mut odd: impl FnMut(&str) -> Option<String> + Send + 'static) -> (Link, Tape) {
     let mut stand = Stand::default();
     peer(move |line| {

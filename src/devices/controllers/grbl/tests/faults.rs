@@ -1,4 +1,4 @@
-//! Each fault, and what the person is told.
+//! Each fault, and its message to the operator.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -6,14 +6,14 @@ use super::*;
 use simulator::Speed;
 use simulator::controls::grbl::{Fault, FaultKind};
 
-/// What one touch comes to, and everything that was sent for it, `?` left out.
+/// Error of one touch, and everything that was sent for it, without `?`.
 async fn sent(
     answer: impl FnMut(&str) -> Option<String> + Send + 'static,
 ) -> (ControllerError, String) {
     sent_for(&touch(3), answer).await
 }
 
-/// The same of `block`.
+/// The same for `block`.
 async fn sent_for(
     block: &Block,
     mut answer: impl FnMut(&str) -> Option<String> + Send + 'static,
@@ -26,7 +26,7 @@ async fn sent_for(
     prepared.store(true, Ordering::SeqCst);
     tape.lock().unwrap().clear();
     let error = driver.execute(proven(block)).await.unwrap_err();
-    // Nothing is sent any more, and a hold has had its time to get out.
+    // Nothing more is sent, and a hold has had time to be sent.
     let again = driver.execute(proven(&touch(4))).await.unwrap_err();
     assert!(matches!(again, ControllerError::NotReady { .. }), "{again}");
     tokio::time::sleep(Duration::from_millis(30)).await;
@@ -51,7 +51,7 @@ async fn an_answer_too_many_is_never_taken_for_the_next_line_s() {
         assert!(matches!(error, ControllerError::OutOfStep { .. }), "{error}");
         assert!(sent.ends_with('!') && sent.lines().count() == nth + 1, "{sent}");
     }
-    // It comes while the touch is under way: the result is missing.
+    // The surplus answer comes during the touch: the result is missing.
     let (error, sent) = sent_prb("ok\r\n").await;
     assert!(matches!(error, ControllerError::Garbled { .. }), "{error}");
     assert!(sent.ends_with('!'), "{sent}");
@@ -67,14 +67,14 @@ async fn a_touch_that_is_told_in_two_ways_is_no_reading() {
     assert!(matches!(error, ControllerError::Garbled { .. }), "told twice at once: {error}");
 }
 
-/// The touch is told as `extra` before the true answer.
+/// Sends `extra` before the true result of the touch.
 async fn sent_prb(extra: &'static str) -> (ControllerError, String) {
     sent(move |line| line.contains("F30.").then(|| format!(">{extra}{{told}}\r\nok\r\n"))).await
 }
 
 #[tokio::test]
 async fn a_touch_off_the_way_is_no_reading() {
-    // Both tellings agree, but the machine was never there.
+    // Both reports agree, but the machine was never at that position.
     let told = "[PRB:-18.385,18.385,-149.000,0.000,135.000:1]\r\nok\r\n";
     let lie = move |line: &str| (line == "$#" || line.contains("F30.")).then(|| format!(">{told}"));
     let (error, _) = sent(lie).await;
@@ -87,7 +87,7 @@ async fn a_touch_off_the_way_is_no_reading() {
 #[tokio::test]
 async fn a_machine_that_went_elsewhere_goes_nowhere_else() {
     for nth in [1, 2, 3] {
-        // The line is acknowledged, but as if a byte of it had been altered.
+        // The line is acknowledged but not executed, as if one of its bytes had been altered.
         let said =
             if nth == 3 { "[PRB:0.000,0.000,0.000,0.000,0.000:0]\r\nok\r\n" } else { "ok\r\n" };
         let (error, sent) = sent(at_line(nth, said)).await;
@@ -148,14 +148,14 @@ async fn modes_that_are_not_as_set_are_refused_before_anything_moves() {
     }
 }
 
-/// A touch on the simulated control, which does `kind` wrong at line `at_line` of it.
+/// Executes a touch on the simulated control, which has the fault `kind` at line `at_line` of the touch.
 async fn rehearsed(
     kind: FaultKind,
     at_line: u64,
     code: Option<u8>,
 ) -> Result<Outcome, ControllerError> {
     let (ours, theirs) = tokio::io::duplex(4096);
-    // The lines of `prepare`, as the control counts them.
+    // Number of lines that `prepare` sends, as the control counts them.
     let (prepare, after_touch) = (13, 0);
     let fault = Fault { kind, at_line: prepare + at_line, after_touch, code };
     let options = Options { faults: vec![fault], ..Options::of(&testing::machine(), Pace::Fast) };
@@ -202,7 +202,7 @@ async fn every_fault_of_the_simulated_control_is_told_by_its_name() {
         assert!(told(&error), "{kind:?} {code:?}: {error}");
         assert!(!error.remedy().is_empty());
     }
-    // Noise between lines costs nothing.
+    // Noise between lines causes no error.
     rehearsed(K::Garbage, 3, None).await.unwrap();
 }
 
@@ -256,7 +256,7 @@ async fn a_rapid_that_brushes_something_ends_on_its_way() {
     tokio::spawn(async move { control.serve(theirs).await });
     let (mut driver, _) = grbl(Link::over("in process", ours));
     driver.prepare().await.unwrap();
-    // A second and more, if nobody holds it.
+    // Without a hold the move takes more than one second.
     let motions = vec![Motion::Rapid { to: position(&[(Axis::X, 400.0)]) }];
     let error = driver.execute(proven(&Block { step: 0, repeat: 0, motions })).await.unwrap_err();
     assert!(matches!(error, ControllerError::UnexpectedContact { step: 0 }), "{error}");
@@ -286,7 +286,7 @@ async fn a_machine_that_was_moved_between_two_blocks_goes_nowhere() {
     let error = driver.execute(proven(&touch(1))).await.unwrap_err();
     let told = "it was moved by hand: it stands at Y0.050, not at Y0.000";
     assert_eq!(error.to_string(), format!("the control is not ready: {told}"));
-    // It may be met where there is no run to resume.
+    // The error may occur when there is no run to resume.
     assert!(!error.remedy().contains("resume"), "{}", error.remedy());
     assert_eq!(world.lock().unwrap().position(), before);
 }

@@ -1,4 +1,4 @@
-//! The driver against the simulated control, and against peers that are nothing but bytes.
+//! Tests of the driver against the simulated control, and against scripted peers.
 
 mod bench;
 mod faults;
@@ -34,7 +34,7 @@ fn grbl(link: Link) -> (Grbl, Halt) {
     (driver.with_patience(patience), halt)
 }
 
-/// As it is sent to this control; no bodies are looked at.
+/// Proves the block for the transmission of this control; bodies are not checked.
 fn proven(block: &Block) -> ProvenBlock {
     let axes: Vec<Axis> = testing::machine().axes.keys().copied().collect();
     let transmission = Transmission::Lines { max_line_bytes: usize::MAX };
@@ -45,7 +45,7 @@ fn position(axes: &[(Axis, f64)]) -> Position {
     axes.iter().map(|(axis, edge)| (*axis, axis.from_edge(*edge))).collect()
 }
 
-/// Around the part at 8 angles: approach, touch, retract.
+/// Approach, touch and retract at one of 8 angles around the part.
 fn touch(step: u32) -> Block {
     let angle = f64::from(step % 8) * 45_f64.to_radians();
     let at = |r: f64| position(&[(Axis::X, r * angle.cos()), (Axis::Y, r * angle.sin())]);
@@ -72,7 +72,7 @@ async fn run(driver: &mut Grbl, steps: u32) -> Vec<Outcome> {
     outcomes
 }
 
-/// A prepared driver, its halt, and the world that its control moves in.
+/// A prepared driver, its halt, and the simulated world in which its control moves.
 async fn prepared_in_world(pace: Pace) -> (Grbl, Halt, Arc<Mutex<World>>) {
     let (ours, theirs) = tokio::io::duplex(4096);
     let world = testing::world();
@@ -173,7 +173,7 @@ async fn silence_noise_and_strangers_are_told_apart() {
     assert!(matches!(unprepared(link).await, ControllerError::Link(_)));
 }
 
-/// What comes of one touch when the peer answers oddly after it was prepared.
+/// Result of one touch if the peer answers oddly after the preparation.
 async fn touched(
     mut odd_answer: impl FnMut(&str) -> Option<String> + Send + 'static,
 ) -> (Result<Outcome, ControllerError>, String) {
@@ -194,7 +194,7 @@ async fn a_touch_as_a_real_control_answers_it() {
     let (outcome, tape) = touched(|_| None).await;
     let outcome = outcome.unwrap();
     let at = outcome.touch.unwrap();
-    // At the end of the touch, at 26 mm and 135 degrees, three decimals.
+    // Position at the end of the touch, at 26 mm and 135 degrees, three decimals.
     assert_eq!([at.at(Axis::X), at.at(Axis::Y), at.at(Axis::Z)], [-18.385, 18.385, -150.0]);
     assert_eq!(at.iter().map(|(axis, _)| axis.letter()).collect::<String>(), "XYZBC");
     assert_eq!(outcome.t_s, None);
@@ -244,7 +244,7 @@ async fn what_a_touch_can_run_into_is_told_by_name() {
 #[tokio::test]
 async fn in_contact_nothing_but_a_back_off_is_executed() {
     let (mut driver, _halt, world) = prepared_in_world(Pace::Fast).await;
-    // 1.5 mm into the part: contact is at 28 mm.
+    // The target is 1.5 mm inside the part: contact is at 28 mm.
     let at = |x: f64| position(&[(Axis::X, x)]);
     let one = |motion: Motion| proven(&Block { step: 3, repeat: 0, motions: vec![motion] });
     let out = |x: f64| one(Motion::BackOff { to: at(x), feed_mm_min: 60.0 });
@@ -297,7 +297,7 @@ async fn alarms_errors_and_resets_are_told_with_their_meaning() {
 
 #[tokio::test]
 async fn a_lost_answer_a_dead_control_and_a_lost_link_end_the_job() {
-    // A byte of the line was lost: the control idles and never answers it.
+    // A byte of the line was lost: the control idles and never answers the line.
     let (outcome, _) = touched(on_probe("")).await;
     assert!(matches!(outcome, Err(ControllerError::NoAnswer { .. })));
     let mut dead = false;
@@ -382,7 +382,7 @@ async fn a_halt_in_mid_touch_puts_the_hold_on_the_wire_and_no_line_follows() {
     assert!(after.chars().all(|byte| matches!(byte, '?' | '!')), "{after}");
 }
 
-/// A control that moves until it has heard `deaf` holds more than one, and what came of a halt there.
+/// Error after a halt at a control that moves until it has received more than `deaf` holds, and the text sent.
 async fn held_at_last(deaf: usize) -> (ControllerError, String) {
     let halt: Arc<Mutex<Option<Halt>>> = Arc::default();
     let asked = halt.clone();
@@ -425,7 +425,7 @@ async fn a_hold_that_gets_lost_is_sent_again_until_the_machine_stands() {
 async fn a_held_simulated_machine_stays() {
     let (mut driver, halt, world) = prepared_in_world(Pace::Real).await;
     let before = world.lock().unwrap().position();
-    // 90 mm at 10 mm/min: nine minutes, if nobody holds it.
+    // 90 mm at 10 mm/min: nine minutes without a hold.
     let to = position(&[(Axis::Z, -90.0)]);
     let block =
         Block { step: 0, repeat: 0, motions: vec![Motion::Guarded { to, feed_mm_min: 10.0 }] };
@@ -455,7 +455,7 @@ async fn regress_the_late_answer_of_the_first_blank_line_is_no_answer_to_the_nex
     });
     let prepared = grbl(link).0.prepare().await.unwrap();
     assert_eq!(prepared.identity, "Grbl 1.1f.20260817, axes XYZBC");
-    // It never comes: the next line is asked all the same.
+    // The answer to the blank line never comes: the next line is sent nevertheless.
     let (link, _) = odd(|line| line.is_empty().then(String::new));
     grbl(link).0.prepare().await.unwrap();
 }

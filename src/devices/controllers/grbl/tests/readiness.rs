@@ -1,5 +1,5 @@
-//! What a control may report before its first motion, and is refused for. Texts of a real grblHAL (Linux
-//! build of August 2026).
+//! States before the first motion for which a control is refused. Texts of a real grblHAL (Linux build of
+//! August 2026).
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
@@ -7,7 +7,7 @@ use super::bench::{FULL, Tape};
 use super::*;
 use crate::controllers::grbl::message::Message;
 
-/// A driver of a control that is made so, and the text that it sent.
+/// Driver of a simulated control with the options `made`, and the text that the driver has sent.
 fn taped_driver(made: Options) -> (Grbl, Tape) {
     let mut control = Firmware::new(testing::world(), made);
     let (ours, middle) = tokio::io::duplex(4096);
@@ -29,7 +29,7 @@ fn taped_driver(made: Options) -> (Grbl, Tape) {
     (grbl(Link::over("in process", ours)).0, tape)
 }
 
-/// Lines that move something: G0, G1, G38, G28, G30, homing and jogs.
+/// Lines that command a motion: G0, G1, G38, G28, G30, homing and jogs.
 fn motions(sent: &str) -> Vec<&str> {
     let moves = |line: &&str| {
         let mut words = line.split_whitespace();
@@ -40,7 +40,7 @@ fn motions(sent: &str) -> Vec<&str> {
     sent.lines().filter(|line| !line.starts_with('(')).filter(moves).collect()
 }
 
-/// A setting, its value, what the message names, and the remedy.
+/// Setting, value, text of the message, remedy.
 const UNREADY: [(u16, f64, &str, &str); 7] = [
     (13, 1.0, "in inches ($13=1)", "$13=0"),
     (20, 0.0, "soft limits are off", "$20=1"),
@@ -88,7 +88,7 @@ async fn is_refused(made: Options, state: &str, remedy: &str) {
     assert_eq!(motions(&sent), Vec::<&str>::new(), "{state}");
 }
 
-/// B and C have no switch, and `homing = "none"` says so.
+/// B and C have no switch, and `homing = "none"` declares it.
 #[tokio::test]
 async fn an_axis_without_a_switch_must_be_declared() {
     let mut made = options();
@@ -99,7 +99,7 @@ async fn an_axis_without_a_switch_must_be_declared() {
     driver.prepare().await.unwrap();
 }
 
-/// `check` names all that `prepare` refuses.
+/// `check` lists all that `prepare` refuses.
 #[tokio::test]
 async fn an_introduction_has_the_whole_list() {
     let mut made = Options { homed: false, overrides: [110, 50], ..options() };
@@ -110,7 +110,7 @@ async fn an_introduction_has_the_whole_list() {
     assert_eq!(hinders.len(), 4, "{hinders:?}");
 }
 
-/// Words as a real grblHAL reports them.
+/// Modal words as a real grblHAL reports them.
 #[tokio::test]
 async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
     for (words, state) in [("M3", "spindle"), ("M4", "spindle"), ("G51:XY", "scaled")] {
@@ -130,7 +130,7 @@ async fn regress_a_turning_spindle_and_scaled_axes_are_refused() {
 async fn regress_an_override_during_a_touch_makes_no_reading() {
     let mut touched = false;
     let (link, tape) = odd(move |line| {
-        // 30 mm/min: the touch, not the guarded approach.
+        // 30 mm/min is the feed of the touch, not of the guarded approach.
         touched |= line.contains("G38") && line.contains("F30.");
         (touched && line == "?").then(|| status("Idle|MPos:{at}|Bf:100,1023|FS:0,0|Ov:200,100,100"))
     });
@@ -145,7 +145,7 @@ async fn regress_an_override_during_a_touch_makes_no_reading() {
     assert!(after.contains('!') && after.chars().all(|sent| matches!(sent, '?' | '!')), "{after}");
 }
 
-/// The head writes an offset and switches outputs.
+/// The head must not be sent first: it writes an offset and switches outputs.
 #[tokio::test]
 async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
     let head_sent = |driver: &Grbl, tape: &Tape| {
@@ -172,7 +172,7 @@ async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
     assert!(head_sent(&driver, &tape) > 0);
 }
 
-/// A control with these settings and axes of 400 mm travel; the first travel ends as `init` writes them.
+/// Reported properties of a control with axes of 400 mm travel and these settings.
 async fn described(settings: &[(u16, f64)]) -> crate::controllers::Introduction {
     let all = [(10, 511.0), (13, 0.0), (20, 1.0), (27, 2.0), (133, 0.0), (134, 0.0)];
     let travels = [(130, 400.0), (131, 400.0), (132, 400.0)];
@@ -182,8 +182,9 @@ async fn described(settings: &[(u16, f64)]) -> crate::controllers::Introduction 
 
 #[tokio::test]
 async fn regress_the_travel_of_a_homed_control_lies_in_a_corner_however_it_is_homed() {
-    // By hand; by hand axis by axis; by cycles that it does not list; with a zero at the switch.
-    // By hand the zero of a rotary axis is wherever it stood: its owner decides whether it is confirmed.
+    // Homing by hand; by hand axis by axis; by cycles that the control does not list; with a zero at the
+    // switch. By hand, the zero of a rotary axis is its position at that time: the owner decides whether it
+    // is confirmed.
     for (settings, homes) in [
         (&[(21, 0.0), (22, 33.0), (23, 0.0), (44, 0.0)][..], None),
         (&[(21, 1.0), (22, 35.0), (23, 1.0), (44, 0.0)], None),
@@ -212,7 +213,7 @@ async fn a_control_that_moves_is_waited_for_before_it_is_described() {
     assert!(error.remedy().contains("wait until the machine stands"), "{}", error.remedy());
 }
 
-/// The answer of an earlier `?` comes after 0x87 was sent, as on a busy computer.
+/// The answer to an earlier `?` arrives after 0x87 was sent, as on a busy computer.
 #[tokio::test]
 async fn regress_a_late_report_is_not_taken_for_the_full_one() {
     let (link, _) = odd(|line| {
@@ -226,14 +227,14 @@ async fn regress_a_late_report_is_not_taken_for_the_full_one() {
     grbl(link).0.prepare().await.unwrap();
 }
 
-/// grblHAL of compatibility level 2 leaves out the field by which a full report is known.
+/// grblHAL at compatibility level 2 leaves out the field that marks a full report.
 #[tokio::test]
 async fn a_full_report_without_its_mark_is_read_when_no_other_comes() {
     let (link, _) = odd(|line| (line == "0x87").then(|| FULL.replace("|FW:grblHAL", "")));
     grbl(link).0.prepare().await.unwrap();
 }
 
-/// A reset forgets that the axes were homed, and all that was set.
+/// After a reset the axes are not homed, and all modes are lost.
 #[tokio::test]
 async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
     let (mut driver, _) = taped_driver(options());
@@ -245,7 +246,7 @@ async fn regress_a_control_that_was_reset_is_not_ready_until_it_is_homed() {
     driver.prepare().await.unwrap();
 }
 
-/// Somebody enters words at the control between two preparations.
+/// An operator enters modal words at the control between two preparations.
 #[tokio::test]
 async fn regress_modes_changed_by_hand_are_set_again_and_the_first_ones_restored() {
     let (mut driver, _) = taped_driver(options());

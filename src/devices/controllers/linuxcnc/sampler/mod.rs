@@ -1,6 +1,7 @@
-//! LinuxCNC's HAL component `sampler`: in each period of the servo thread it takes down where the axes
-//! stand, and `halsampler -t` on that computer writes it to whoever listens. A task reads it all the time;
-//! it is kept while a block runs that wants it. `docs/linuxcnc-sampler.md` is the recipe.
+//! Client of LinuxCNC's HAL component `sampler`, which records the positions of the axes in each period of
+//! the servo thread; `halsampler -t` on that computer writes them to its TCP client. A task reads the
+//! positions all the time; they are kept while a block runs that needs them. `docs/linuxcnc-sampler.md`
+//! describes the set-up.
 
 mod record;
 #[cfg(test)]
@@ -21,21 +22,22 @@ use link::{Address, Came, Flow, HostPort};
 use machine::record::track::Track;
 use machine::{Axis, Position};
 
-/// How long it is listened to before anything moves: its period shows then.
+/// Time for which the stream is observed before anything moves, to check its period.
 const LISTEN: Duration = Duration::from_millis(1300);
 const GATHERED: Duration = Duration::from_millis(100);
-/// How long a tick may be on its way: a pipe may hold 4096 bytes, and a network a second.
+/// Maximum time that a tick may take to arrive: a pipe may hold 4096 bytes, and a network delays by up to a
+/// second.
 const ON_THE_WAY: Duration = Duration::from_secs(3);
 const POLL: Duration = Duration::from_millis(5);
-/// The task looks so often whether anybody still wants it.
+/// Interval at which the task checks whether its handle still exists.
 const WANTED: Duration = Duration::from_secs(1);
-/// Two tellings of where an axis stands are the same so near, mm and rad: axes under control are never
-/// quite still.
+/// Largest difference between two reports of the same axis position, mm and rad: axes under control are
+/// never quite at rest.
 const SAME_MM: f64 = 0.01;
 const SAME_RAD: f64 = 0.001;
 const RECIPE: &str = "docs/linuxcnc-sampler.md has its halcmd lines";
 
-/// `[controller.sampler]`.
+/// Keys of `[controller.sampler]`.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(try_from = "Keys")]
 pub struct Config {
@@ -47,12 +49,12 @@ pub struct Config {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Keys {
-    /// Where what `halsampler -t` says is to be had.
+    /// Address at which the output of `halsampler -t` can be read.
     tcp: HostPort,
-    /// Of the servo thread.
+    /// Period of the servo thread, s.
     #[serde(default = "usual_period")]
     period_s: f64,
-    /// In the order of the sampler's pins; absent: the machine's, in the order X Y Z A B C.
+    /// Axes in the order of the sampler's pins; if absent, the machine's axes in the order X Y Z A B C.
     axes: Option<Vec<Axis>>,
 }
 
@@ -83,27 +85,27 @@ impl TryFrom<Keys> for Config {
     }
 }
 
-/// The handle that the driver holds. Its task ends when it is dropped.
+/// Handle that the driver holds. Its task ends when it is dropped.
 pub struct Sampler {
     name: String,
     period_s: f64,
     clock: Arc<dyn Clock>,
     record: Arc<Mutex<Heard>>,
-    /// The control's unit of length, once it has said it.
+    /// The control's unit of length, mm, once it is known.
     mm: f64,
 }
 
 struct Heard {
     record: Record,
-    /// Why no more will come.
+    /// Reason why no more positions will come.
     lost: Option<String>,
 }
 
 impl Sampler {
-    /// Connect to where `config` says; `axes` are the machine's. Call inside a tokio runtime.
+    /// Connects to the address of `config`; `axes` are the machine's axes. Call inside a tokio runtime.
     ///
     /// # Errors
-    /// Nobody listens there.
+    /// Nothing listens at the address.
     pub async fn open(
         config: &Config,
         axes: &[Axis],
@@ -123,7 +125,7 @@ impl Sampler {
         Ok(Self { name, period_s: config.period_s, clock, record, mm: 1.0 })
     }
 
-    /// In words.
+    /// Describes the sampler in words.
     pub(super) fn says(&self) -> String {
         format!("positions stamped every {} ms by {}", self.period_s * 1e3, self.name)
     }
@@ -132,8 +134,8 @@ impl Sampler {
         self.record.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// That it lives, with this period, and says of the axes what the control says, which stand at `stands`;
-    /// `mm` is the control's unit of length.
+    /// Checks that the sampler is running, has the configured period and agrees with the control, whose
+    /// axes are at `stands`; `mm` is the control's unit of length, mm.
     pub(super) async fn agrees(
         &mut self,
         stands: &Position,
@@ -151,7 +153,7 @@ impl Sampler {
         let silent = |name: &str, why: String| {
             not_ready(&format!("{name}: {why}"), &format!("see that it runs: {RECIPE}"))
         };
-        // What had gathered before anybody listened comes at once.
+        // Positions buffered before the connection arrive at once.
         self.until(f64::NEG_INFINITY).await.map_err(|why| silent(&self.name, why))?;
         sleep(GATHERED).await;
         let before = self.heard().record.newest.as_ref().map(|stands| stands.tick);
@@ -169,12 +171,12 @@ impl Sampler {
         other.map_or(Ok(()), |other| Err(not_ready(&other, &elsewhere())))
     }
 
-    /// From here on positions are kept.
+    /// Starts to keep positions.
     pub(super) fn begin(&self) {
         self.heard().record.begin();
     }
 
-    /// All positions since [`Self::begin`]; the machine has come to rest at `stands` after `step`.
+    /// Returns all positions since [`Self::begin`]; the machine has come to rest at `stands` after `step`.
     pub(super) async fn end(&self, step: u32, stands: &Position) -> Result<Track, ControllerError> {
         let unstamped = |why, remedy| ControllerError::Unstamped { step, why, remedy };
         let newest = self.until(self.clock.now_s()).await.map_err(|why| {
@@ -192,12 +194,12 @@ impl Sampler {
         })
     }
 
-    /// Give up what was kept.
+    /// Discards the kept positions.
     pub(super) fn give_up(&self) {
         self.heard().record.end(self.mm);
     }
 
-    /// Wait for a tick that was after `t_s`; or why none comes.
+    /// Waits for a tick later than `t_s`; the error is the reason why none comes.
     async fn until(&self, t_s: f64) -> Result<Stands, String> {
         let end = Instant::now() + ON_THE_WAY;
         loop {
@@ -225,7 +227,7 @@ impl Sampler {
         }
     }
 
-    /// What it says otherwise than the control, in words.
+    /// Describes a difference between the positions of the sampler and of the control.
     fn other(&self, newest: &Stands, stands: &Position) -> Option<String> {
         let heard = self.heard();
         let said: Vec<f64> = heard.record.inside(&newest.at, self.mm).collect();
@@ -246,7 +248,7 @@ fn elsewhere() -> String {
     )
 }
 
-/// The task: reads whatever comes until nobody wants it any more or no more comes.
+/// Task: reads the stream until the handle is dropped or the stream ends.
 async fn listen(mut flow: Flow, record: std::sync::Weak<Mutex<Heard>>, clock: Arc<dyn Clock>) {
     loop {
         let came = flow.recv_deadline(Instant::now() + WANTED).await;

@@ -1,17 +1,17 @@
-//! What `halsampler -t` says, line by line: the number of the tick, where each axis stands, and a bit that
-//! is set after ticks that the sampler had no room for. (They are not counted: the numbers go on as if
-//! nothing had happened, whatever sampler(9) says. Seen in LinuxCNC 2.9.0.)
+//! Lines of `halsampler -t`: the number of the tick, the position of each axis, and a bit that is set after
+//! ticks for which the sampler had no room. (Those ticks are not counted: the numbers continue as if
+//! nothing were lost, contrary to sampler(9). Seen in LinuxCNC 2.9.0.)
 
 use super::ticks::{Tick, Ticks};
 use machine::Axis;
 use machine::record::track::Track;
 
-/// Longest line; what is longer is none.
+/// Maximum length of a line, bytes; longer input is not a line.
 const LONGEST: usize = 1024;
-/// Ticks of one block that are kept: a quarter of an hour at 1 kHz.
+/// Maximum number of ticks of one block that are kept: a quarter of an hour at 1 kHz.
 const MOST: usize = 1_000_000;
 
-/// Where the axes stood at a tick, as the control counts: its own units and degrees.
+/// Positions of the axes at a tick, in the control's own units and degrees.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Stands {
     pub tick: Tick,
@@ -24,9 +24,9 @@ pub(super) struct Record {
     pub ticks: Ticks,
     partial: Vec<u8>,
     pub newest: Option<Stands>,
-    /// The last line that is none of the sampler's.
+    /// The last line that is not in the sampler's format.
     pub strange: Option<String>,
-    /// While a block runs.
+    /// Ticks of the running block.
     kept: Option<Kept>,
 }
 
@@ -47,7 +47,7 @@ impl Record {
         &self.axes
     }
 
-    /// Bytes that were read at `at_s`.
+    /// Processes bytes that were read at `at_s`.
     pub fn came(&mut self, bytes: &[u8], at_s: f64) {
         for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
             self.partial.extend_from_slice(piece);
@@ -61,13 +61,13 @@ impl Record {
         }
     }
 
-    /// Bytes were forgotten before they were read.
+    /// Handles bytes that were lost before they were read.
     pub fn missed(&mut self) {
         self.partial.clear();
     }
 
     fn line(&mut self, line: &str, at_s: f64) {
-        // What a number after it leaves out shows by itself.
+        // The numbers that follow show which ticks are missing.
         if line == "overrun" {
             return;
         }
@@ -89,13 +89,13 @@ impl Record {
         self.newest = Some(Stands { tick, at });
     }
 
-    /// From here on all ticks are kept.
+    /// Starts to keep all ticks.
     pub fn begin(&mut self) {
         self.kept = Some(Kept::default());
     }
 
-    /// What was kept since [`Self::begin`], with the times as they are known by now; `None`: it was more
-    /// than is kept.
+    /// Returns the ticks kept since [`Self::begin`], with the times as they are known now; `None` if there
+    /// were too many.
     pub fn end(&mut self, mm: f64) -> Option<Track> {
         let kept = self.kept.take().unwrap_or_default();
         let mut track = Track::of(self.axes.clone());
@@ -112,7 +112,7 @@ impl Record {
         (!kept.full).then_some(track)
     }
 
-    /// In mm and rad, where `mm` is the control's unit of length.
+    /// Converts positions to mm and rad; `mm` is the control's unit of length, mm.
     pub fn inside<'a>(&'a self, at: &'a [f64], mm: f64) -> impl Iterator<Item = f64> + 'a {
         let scaled = move |(axis, at): (&Axis, &f64)| match axis.is_linear() {
             true => at * mm,
@@ -122,7 +122,7 @@ impl Record {
     }
 }
 
-/// The number of the tick, `axes` positions, and whether ticks before it are missing.
+/// Returns the number of the tick, `axes` positions, and whether ticks before it are missing.
 fn understood(line: &str, axes: usize) -> Option<(i64, Vec<f64>, bool)> {
     let mut words = line.split_whitespace();
     let number = words.next()?.parse().ok()?;
@@ -149,7 +149,7 @@ mod tests {
         Record::of(vec![Axis::X, Axis::C], 0.001)
     }
 
-    /// A line for each tick, as halsampler writes it; X is a tenth of the number, C stands at 90°.
+    /// Adds a line for each tick, as halsampler writes it; X is a tenth of the number, C is at 90°.
     fn lines(record: &mut Record, numbers: impl IntoIterator<Item = i64>) {
         for number in numbers {
             let x = number as f64 / 10.0;
@@ -199,7 +199,7 @@ mod tests {
         let mut record = record();
         record.begin();
         lines(&mut record, 0..100);
-        // Half a second has passed that the numbers know nothing of.
+        // Half a second has passed that the numbers do not count.
         record.came(b"100 10.000000 90.000000 1 \n101 10.100000 90.000000 0 \n", 0.601);
         let track = record.end(1.0).unwrap();
         assert_eq!(track.gaps(), 1);

@@ -1,4 +1,4 @@
-//! The handle against lines over TCP, in real time.
+//! Tests of the sampler's handle with lines over TCP, in real time.
 
 use std::io::Write;
 use std::net::TcpListener;
@@ -11,8 +11,8 @@ use link::clock::HostClock;
 
 const AXES: [Axis; 3] = [Axis::X, Axis::C, Axis::S];
 
-/// Says what `line` makes of each tick, ten at once every ten milliseconds, until it makes nothing of one;
-/// then it is silent for a while.
+/// Sends the text that `line` returns for each tick, ten ticks every ten milliseconds, until `line` returns
+/// `None`; then sends nothing for a while.
 fn halsampler(line: impl Fn(i64) -> Option<String> + Send + 'static) -> Config {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -76,7 +76,7 @@ async fn wrong_pins_units_and_lines_are_refused_before_anything_moves() {
         swapped.contains("X stands at 90.000") && swapped.contains("joint.N.pos-fb"),
         "{swapped}"
     );
-    // Without the bit.
+    // Lines without the bit.
     let config = halsampler(|tick| Some(format!("{tick} 2.0 90.0 \n")));
     let other = refused(&config, stands(2.0, 90.0)).await;
     assert!(other.contains("it says `") && other.contains("2 positions and a bit"), "{other}");

@@ -1,24 +1,25 @@
-//! When a tick was. The servo thread counts; how long after its tick a line arrives nobody knows, as lines
-//! come in batches and are sometimes late. But none comes early: of all lines of some seconds the one that
-//! took the least time tells how the count lies in time. What is left is constant, and belongs to the
-//! latency between positions and sensor.
+//! Time of a tick. The servo thread counts; how long after its tick a line arrives is unknown, because
+//! lines come in batches and are sometimes late. But no line is early: of all lines within some seconds,
+//! the one with the least delay relates the count to the time. The remaining delay is constant and belongs
+//! to the latency between positions and sensor.
 
 use std::collections::VecDeque;
 
-/// Ticks are looked at in bins of so long, s.
+/// Width of the bins into which ticks are grouped, s.
 const BIN_S: f64 = 0.25;
-/// So many bins before and after a tick's own tell its time: the clocks of two computers part by less
-/// than 0.1 ms meanwhile, where they differ by 20 in a million.
+/// Number of bins before and after a tick's own that determine its time: meanwhile the clocks of two
+/// computers that differ by 20 in a million diverge by less than 0.1 ms.
 const NEAR: i64 = 20;
-/// A bin none of whose lines came sooner than so long after the others' is not trusted, s: was the count
-/// held, or only the wire?
+/// Largest excess of a bin's least delay over that of its neighbours, s. A later bin is not trusted: either
+/// the count or only the transmission was interrupted.
 const LATE_S: f64 = 0.02;
-/// Bins that are kept: half an hour.
+/// Maximum number of bins that are kept: half an hour.
 const MOST: usize = 8192;
-/// How far a count may run from its period before it is the wrong one.
+/// Largest relative deviation of the count from its period; beyond it the configured period is wrong.
 const WRONG: f64 = 0.02;
 
-/// A tick. Within one count ticks are told apart by their number; a count that began anew is another one.
+/// A tick. Within one count a tick is identified by its number; a restart of the numbers begins another
+/// count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Tick {
     pub count: u32,
@@ -33,9 +34,9 @@ impl Tick {
 
 #[derive(Debug)]
 struct Bin {
-    /// Of the count, and of the bin within it.
+    /// Index of the count, and of the bin within the count.
     at: (u32, i64),
-    /// Least time of arrival less number times period, s.
+    /// Minimum of the time of arrival minus number times period, s.
     least_s: f64,
 }
 
@@ -52,12 +53,13 @@ impl Ticks {
         Self { period_s, count: 0, bins: VecDeque::new(), newest: None }
     }
 
-    /// The count does not go on from what it was.
+    /// Starts a new count, which does not continue the previous one.
     pub fn begin_anew(&mut self) {
         self.count += 1;
     }
 
-    /// The tick of this number, told at `at_s`. One that is not greater than the last begins anew.
+    /// Registers the tick `number` that arrived at `at_s`. A number that is not greater than the last one
+    /// starts a new count.
     pub fn came(&mut self, number: i64, at_s: f64) -> Tick {
         if self.newest.is_some_and(|last| last.count == self.count && last.number >= number) {
             self.begin_anew();
@@ -75,7 +77,7 @@ impl Ticks {
         tick
     }
 
-    /// When it was; `None` where that cannot be trusted.
+    /// Time of the tick, s; `None` if it cannot be trusted.
     pub fn time_s(&self, tick: Tick) -> Option<f64> {
         let (count, number) = self.bin(tick);
         let from = self.bins.partition_point(|bin| bin.at < (count, number - NEAR));
@@ -85,10 +87,10 @@ impl Ticks {
         (own.least_s <= least_s + LATE_S).then(|| least_s + self.since_zero(tick))
     }
 
-    /// Its true period, s, if it is another one, as the bins after `since` show.
+    /// True period, s, if it differs from the configured one, as the bins after `since` show.
     pub fn wrong_period_s(&self, since: Tick) -> Option<f64> {
         let mut bins = self.bins.iter().filter(|bin| bin.at > self.bin(since));
-        // What was under way when the last bin began is not yet its least.
+        // The minimum of the last bin is not final: some of its lines are still in transit.
         let (first, last) = (bins.next()?, bins.rev().nth(1)?);
         let ran = (last.at.1 - first.at.1) as f64 * BIN_S;
         let strays = (last.least_s - first.least_s) / ran;
@@ -109,11 +111,11 @@ mod tests {
     use super::*;
 
     const PERIOD_S: f64 = 0.001;
-    /// When tick 0 was.
+    /// Time of tick 0, s.
     const ZERO_S: f64 = 100.0;
 
-    /// `count` ticks from `first` on, told in batches of `batch`, each when its last one was there and
-    /// `late` of the batch's number after it.
+    /// Registers `count` ticks from `first` on in batches of `batch`. A batch arrives after its last tick,
+    /// with the delay `late` of the batch's number, s.
     fn tell(ticks: &mut Ticks, (first, count): (i64, i64), batch: i64, late: impl Fn(i64) -> f64) {
         for number in first..first + count {
             let of = number / batch;
@@ -130,7 +132,7 @@ mod tests {
     #[test]
     fn batches_and_jitter_move_no_stamp() {
         let mut ticks = Ticks::every(PERIOD_S);
-        // Between 0.2 and 9.2 ms late, in a row that does not repeat itself soon.
+        // Delays between 0.2 and 9.2 ms, in a sequence that does not repeat soon.
         tell(&mut ticks, (0, 20_000), 10, |of| 2e-4 + ((of * 37) % 91) as f64 * 1e-4);
         for number in [0, 1, 5, 4_321, 19_999] {
             let off = off_s(&ticks, number).unwrap();
@@ -144,7 +146,8 @@ mod tests {
     fn a_clock_that_runs_a_little_differently_is_followed() {
         let mut ticks = Ticks::every(PERIOD_S);
         tell(&mut ticks, (0, 600_000), 10, |of| of as f64 * 10.0 * PERIOD_S * 20e-6);
-        // 12 ms have gathered; each stamp is off by no more than 0.11 ms, always to the same side.
+        // The clocks have diverged by 12 ms; each time is off by no more than 0.11 ms, always to the same
+        // side.
         for number in [50_000, 300_000, 590_000] {
             let off = off_s(&ticks, number).unwrap() - number as f64 * PERIOD_S * 20e-6;
             assert!((-1.1e-4..=0.0).contains(&off), "tick {number}: off by {off} s");
@@ -154,7 +157,7 @@ mod tests {
     #[test]
     fn where_the_count_stood_still_there_is_no_time() {
         let mut ticks = Ticks::every(PERIOD_S);
-        // After tick 10000 nothing for 3 s (the sampler was disabled), and the count goes on.
+        // After tick 10000 nothing arrives for 3 s (the sampler was disabled), then the count continues.
         tell(&mut ticks, (0, 10_000), 10, |_| 0.0);
         tell(&mut ticks, (10_000, 20_000), 10, |_| 3.0);
         assert_eq!(off_s(&ticks, 5_000), Some(0.0));

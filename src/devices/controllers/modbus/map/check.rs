@@ -1,20 +1,21 @@
-//! What a register map must be like.
+//! Validity of a register map.
 
 use super::{Chunk, MOST_READ, MOST_WRITTEN, Map};
 use link::modbus::Space;
 use link::modbus::value::Order;
 
-/// Registers of parameters: far more than any touch needs.
+/// Maximum number of registers for parameters: far more than any touch needs.
 const MOST_OF_PROGRAM: usize = 2000;
 
 /// # Errors
-/// In words, with the names of the items.
+/// The map is invalid; the message names the items.
 pub(super) fn map(map: &Map) -> Result<(), String> {
     if !matches!(map.status.space, Space::Input | Space::Holding) {
         return Err("`status.space` is `input` or `holding`: bits hold no numbers".to_owned());
     }
     let Chunk { registers, order, .. } = map.command.chunk;
-    // A line goes in one request; parameters are read back before they count, and may take several.
+    // A line must fit in one request; parameters are read back before they take effect, and may need
+    // several requests.
     let resident = map.status.result.is_some();
     let most = if resident { MOST_OF_PROGRAM } else { MOST_WRITTEN };
     if !(1..=most).contains(&usize::from(registers)) {
@@ -43,8 +44,8 @@ pub(super) fn map(map: &Map) -> Result<(), String> {
     apart(command.chain(status).collect())
 }
 
-/// One request writes a line and what goes with it: of one that comes late, from the line before, nothing
-/// can be left beside what belongs to the next.
+/// Checks that one request writes a line and all that belongs to it. Then a late request of the line before
+/// cannot leave values next to those of the next line.
 fn together(map: &Map) -> Result<(), String> {
     const WITH_A_LINE: [&str; 4] = ["acknowledge", "crc", "length", "chunk"];
     let mut spans = map.command.spans();
@@ -56,7 +57,7 @@ fn together(map: &Map) -> Result<(), String> {
     };
     let registers: usize = spans.iter().map(|(.., count)| usize::from(*count)).sum();
     let last = spans.last().is_some_and(|(name, ..)| *name == "chunk");
-    // The heartbeat may lie before them, and goes with them then.
+    // The heartbeat may be directly before them, and is then written in the same request.
     if last && spans.windows(2).all(beside) && registers < MOST_WRITTEN {
         return Ok(());
     }
@@ -79,7 +80,7 @@ fn scales(map: &Map) -> Result<(), String> {
     }
 }
 
-/// The status is read in one request, head first, tail last.
+/// Checks that one request can read the status, head first, tail last.
 fn inside(map: &Map) -> Result<(), String> {
     let (first, count) = map.status.block();
     let last = map.status.sequence_tail.address;
@@ -100,13 +101,13 @@ fn inside(map: &Map) -> Result<(), String> {
     Ok(())
 }
 
-/// Space, first register, count and name of an item.
+/// Space, first register, number of registers and name of an item.
 pub(in super::super) type Span = (Space, u16, u16, String);
 
-/// No two items lie over each other.
+/// Checks that no two items overlap.
 ///
 /// # Errors
-/// With the names of both.
+/// Two items overlap, or an item is beyond the last address; the message names them.
 pub(in super::super) fn apart(mut all: Vec<Span>) -> Result<(), String> {
     all.sort();
     for pair in all.windows(2) {

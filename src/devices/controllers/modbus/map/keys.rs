@@ -1,4 +1,4 @@
-//! `[controller.registers]` as it is written, and what stands for what is left out.
+//! Keys of `[controller.registers]`, and the defaults of omitted keys.
 
 use std::collections::BTreeMap;
 
@@ -9,7 +9,7 @@ use link::modbus::Space;
 use link::modbus::value::{Kind, Number, Order};
 use machine::Axis;
 
-/// One item; a key that is left out keeps its published value.
+/// Keys of one item; an omitted key keeps its published value.
 #[derive(Debug, Clone, Copy, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(in super::super) struct Entry {
@@ -64,7 +64,7 @@ struct StatusKeys {
     heartbeat: Entry,
     time_s: Entry,
     latch_time_s: Entry,
-    /// Once written, such a table names every axis that there is.
+    /// If present, such a table lists all axes of the window.
     latch: Option<BTreeMap<Axis, Entry>>,
     position: Option<BTreeMap<Axis, Entry>>,
     sequence_tail: Entry,
@@ -81,7 +81,7 @@ struct ResultKeys {
     valid: Entry,
 }
 
-/// What a window that is not written differently is like.
+/// Default addresses of a window.
 struct Usual {
     chunk: u16,
     tail: u16,
@@ -93,7 +93,7 @@ const OF_PROGRAM: Usual = Usual { chunk: 328, tail: 49 };
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const LATCH: u16 = 20;
 const POSITION: u16 = 32;
-/// Of positions: mm or degrees.
+/// Default scale of positions, mm or degrees.
 const STEP: f64 = 0.001;
 
 impl Entry {
@@ -106,7 +106,7 @@ impl Entry {
         Register { address: self.address.unwrap_or(address), number }
     }
 
-    /// The scale that it has unless one is written.
+    /// Sets the scale, unless the keys give one.
     pub(in super::super) fn scaled(self, scale: f64) -> Self {
         Self { scale: self.scale.or(Some(scale)), ..self }
     }
@@ -150,10 +150,10 @@ impl TryFrom<Keys> for Map {
 }
 
 impl Keys {
-    /// The window before a resident program.
+    /// Returns the map of the window to a resident program.
     ///
     /// # Errors
-    /// In words, with the names of the items.
+    /// The map is invalid; the message names the items.
     pub(in super::super) fn of_program(self) -> Result<Map, String> {
         let Self { command, mut status } = self;
         let result = status.result.take().unwrap_or_default();

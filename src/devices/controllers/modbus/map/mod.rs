@@ -1,6 +1,5 @@
-//! The register map: where each item of the window lies, and how. `[controller.registers]`; what is not
-//! written there lies as `docs/line-window.md` publishes it, and where a resident program is behind it,
-//! `docs/resident-program.md`.
+//! Register map: address and format of each item of the window, from `[controller.registers]`. An omitted
+//! item is as published in `docs/line-window.md`, or with a resident program in `docs/resident-program.md`.
 
 pub(super) mod check;
 pub(super) mod keys;
@@ -15,19 +14,19 @@ use link::modbus::value::{Number, Order, ValueError};
 use link::modbus::{Allowed, Range, Space};
 use machine::Axis;
 
-/// Registers that one request may write (Modbus application protocol, function 16).
+/// Maximum number of registers that one request may write (Modbus application protocol, function 16).
 pub(super) const MOST_WRITTEN: usize = 123;
-/// Registers that one request may read (functions 3 and 4).
+/// Maximum number of registers that one request may read (functions 3 and 4).
 const MOST_READ: usize = 125;
 
-/// One item: its first register and how its number lies there.
+/// One item: its first register and the format of its number.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Register {
     pub address: u16,
     pub number: Number,
 }
 
-/// A chunk: text, two characters a register; or the parameters of a resident program.
+/// A block of registers for one command: text, two characters a register; or the parameters of a resident program.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Chunk {
     pub address: u16,
@@ -35,7 +34,7 @@ pub(super) struct Chunk {
     pub order: Order,
 }
 
-/// Written by trued, holding registers.
+/// Holding registers that `trued` writes.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Command {
     pub hold: Register,
@@ -47,7 +46,7 @@ pub(super) struct Command {
     pub chunk: Chunk,
 }
 
-/// Written by the control, read in one request from `sequence_head` to `sequence_tail`.
+/// Registers that the control writes, read in one request from `sequence_head` to `sequence_tail`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Status {
     pub space: Space,
@@ -67,11 +66,11 @@ pub(super) struct Status {
     pub latch: BTreeMap<Axis, Register>,
     pub position: BTreeMap<Axis, Register>,
     pub sequence_tail: Register,
-    /// Of a resident program alone.
+    /// Registers of the results, only with a resident program.
     pub result: Option<Results>,
 }
 
-/// What a resident program shows besides: where it is, and the result that it hands over.
+/// Further registers of a resident program: the row that it executes, and the result that it hands over.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Results {
     pub under_way: Register,
@@ -81,7 +80,7 @@ pub(super) struct Results {
     pub valid: Register,
 }
 
-/// The whole window.
+/// Register map of the whole window.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(try_from = "keys::Keys")]
 pub struct Map {
@@ -94,7 +93,7 @@ impl Register {
         self.number.registers()
     }
 
-    /// Its number in a block of registers that begins at `first`.
+    /// Reads the number from a block of registers that begins at `first`.
     pub(super) fn read(&self, block: &[u16], first: u16) -> Result<f64, ValueError> {
         let wanted = self.count();
         let start = usize::from(self.address.saturating_sub(first));
@@ -102,19 +101,20 @@ impl Register {
         self.number.read(words.ok_or(ValueError::Count { came: block.len(), wanted })?)
     }
 
-    /// Address and words of `value`.
+    /// Returns the address and the words of `value`.
     pub(super) fn write(&self, value: u16) -> Result<(u16, Vec<u16>), ValueError> {
         Ok((self.address, self.number.write(f64::from(value))?))
     }
 }
 
 impl Chunk {
-    /// Bytes that it holds.
+    /// Capacity of the chunk, bytes.
     pub(super) fn bytes(&self) -> usize {
         2 * usize::from(self.registers)
     }
 
-    /// The text, the first character in the high byte unless bytes are swapped.
+    /// Returns the address and the words of the text, the first character in the high byte unless bytes are
+    /// swapped.
     pub(super) fn write(&self, text: &[u8]) -> (u16, Vec<u16>) {
         let word = |pair: &[u8]| {
             let pair = [pair.first().copied(), pair.get(1).copied()].map(Option::unwrap_or_default);
@@ -128,7 +128,7 @@ impl Chunk {
 }
 
 impl Command {
-    /// First register and count of each item, by name.
+    /// Name, first register and number of registers of each item.
     fn spans(&self) -> Vec<(&'static str, u16, u16)> {
         let items = [
             ("hold", self.hold),
@@ -144,7 +144,7 @@ impl Command {
 }
 
 impl Status {
-    /// The first register of the block, and how many there are.
+    /// Returns the first register of the status block, and the number of its registers.
     pub(super) fn block(&self) -> (u16, u16) {
         let (first, tail) = (self.sequence_head.address, self.sequence_tail);
         (first, tail.address.saturating_add(tail.count()).saturating_sub(first))
@@ -199,7 +199,7 @@ impl Results {
 }
 
 impl Map {
-    /// All that the link may reach: the status to read, the command block to write.
+    /// Ranges that the link may access: the status to read, the command block to write.
     pub(super) fn allowed(&self) -> Allowed {
         let (first, count) = self.status.block();
         let last = first.saturating_add(count.saturating_sub(1));
@@ -211,7 +211,7 @@ impl Map {
         for (first, count) in spans {
             let last = first.saturating_add(count.saturating_sub(1));
             match write.last_mut() {
-                // One request may write neighbours.
+                // One request may write adjacent items.
                 Some(range) if range.last.checked_add(1) == Some(first) => range.last = last,
                 _ => write.push(Range { space: Space::Holding, first, last }),
             }
@@ -219,7 +219,7 @@ impl Map {
         Allowed { read, write }
     }
 
-    /// An axis that the window does not tell.
+    /// Returns an axis without registers in the window.
     pub(super) fn missing(&self, axes: &[Axis]) -> Option<Axis> {
         let told = |axis: &&Axis| {
             self.status.latch.contains_key(axis) && self.status.position.contains_key(axis)

@@ -1,4 +1,4 @@
-//! One block through the resident program: its table laid down, started once, its results taken.
+//! Executes one block by the resident program: writes its table, starts it once, collects its results.
 
 use std::time::Duration;
 
@@ -16,28 +16,29 @@ use machine::record::motion::{Motion, Outcome};
 use machine::{Axis, Position};
 use planning::proof::ProvenBlock;
 
-/// What became of a row that looked for a contact.
+/// Result of a row that searches for a contact.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Found {
-    /// Counted from 0.
+    /// Index of the row, from 0.
     pub row: usize,
     pub contact: bool,
-    /// Where the axes were, and when.
+    /// Latched position of the axes; `t_s` is its time, s.
     pub latch: Position,
     pub t_s: Option<f64>,
 }
 
-/// A valid result, seen.
+/// Kind of a valid result in a status.
 enum Seen {
-    /// Of another call, or an older status.
+    /// A result of another call, or an older status.
     Old,
-    /// It was taken already: the control has not heard that yet.
+    /// A result that was read already: the control has not received the acknowledgement yet.
     Again,
     New,
 }
 
 impl ModbusControl {
-    /// Before the first call. A result that nobody took, of a run that ended, is nobody's.
+    /// Discards an old result before the first call: a result that an ended run has not read belongs to no
+    /// call.
     pub(in crate::controllers::modbus) async fn clear_results(
         &mut self,
         status: &Status,
@@ -74,7 +75,7 @@ impl ModbusControl {
         Ok(outcome)
     }
 
-    /// Have `rows` executed once; every result, in order, and the status when all is done.
+    /// Executes `rows` once; returns every result, in order, and the status at the end.
     pub(super) async fn results(
         &mut self,
         program: &Program,
@@ -112,7 +113,7 @@ impl ModbusControl {
             let under_way = usize::from(shown.under_way).checked_sub(1);
             let row = under_way.and_then(|row| rows.get(row));
             if status.probe_closed && row.is_some_and(|row| row.is_free_move) {
-                // It may still be moving, and does not stop by itself.
+                // The machine may still be moving, and does not stop by itself.
                 self.window.hold();
                 return Err(ControllerError::UnexpectedContact { step });
             }
@@ -131,7 +132,7 @@ impl ModbusControl {
                     self.window.acknowledge(status.latches).await?;
                 }
             }
-            // At its end, with a result that it does not take back.
+            // The program has ended, but still reports a result that was acknowledged.
             let since = over.filter(|_| done).unwrap_or_else(Instant::now);
             over = done.then_some(since);
             if since.elapsed() > self.window.patience.answer {
@@ -140,7 +141,8 @@ impl ModbusControl {
         }
     }
 
-    /// The touch among what was found, if there was to be one; each contact lies on its way.
+    /// Returns the touch among the results, if the rows have one; each contact must be on the path of its
+    /// row.
     fn contacts<'a>(
         &self,
         rows: &[Row],
@@ -197,7 +199,7 @@ fn seen(
     if status.latches == next(taken) {
         return Ok(Seen::New);
     }
-    // Numbers go round: the farther half is behind.
+    // Numbers wrap around: a number in the farther half is an older one.
     if status.latches.wrapping_sub(taken) > u16::MAX / 2 {
         return Ok(Seen::Old);
     }
@@ -225,7 +227,7 @@ fn orientation(motion: &Motion) -> Option<f64> {
     }
 }
 
-/// How long the machine may stand within a call.
+/// Maximum time for which the machine may be at rest within a call.
 fn standstill(rows: &[Row]) -> Duration {
     let stands = rows.iter().map(|row| match row.does {
         Does::Dwell => Duration::try_from_secs_f64(row.value).unwrap_or_default(),

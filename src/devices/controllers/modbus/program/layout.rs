@@ -1,4 +1,4 @@
-//! Where the parameters lie in the chunk: from numbers to registers, and back.
+//! Layout of the parameters in the chunk: converts numbers to registers, and back.
 
 use serde::Deserialize;
 
@@ -12,13 +12,14 @@ use link::modbus::value::{Kind, ValueError};
 use machine::Axis;
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-/// As fine as the text: the last of four decimals, mm or degrees; of three for feeds and seconds.
+/// Default scale of positions, mm or degrees: the last of the text's four decimals. `VALUE_STEP`: the last
+/// of three decimals of feeds and seconds.
 const STEP: f64 = 0.0001;
 const VALUE_STEP: f64 = 0.001;
-/// A number in registers is the text's to within this, in the text's units.
+/// Largest difference between a number in registers and the number in the text, in the text's units.
 const SAME: f64 = 1e-6;
 
-/// `[controller.program.parameters]`: places count from the chunk's first register.
+/// Keys of `[controller.program.parameters]`: addresses count from the chunk's first register.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct ParameterKeys {
@@ -38,7 +39,7 @@ struct TableKeys {
     registers: Option<u16>,
 }
 
-/// `[controller.program.row]`: places count from the row's first register.
+/// Keys of `[controller.program.row]`: addresses count from the row's first register.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct RowKeys {
@@ -59,7 +60,7 @@ pub(super) struct RowKeys {
     c: Entry,
 }
 
-/// The parameters of one call.
+/// Parameters of one call.
 pub(super) struct Call<'a> {
     pub sequence: u16,
     pub program: &'a Program,
@@ -75,7 +76,7 @@ pub(super) struct Layout {
     step: Register,
     touches: Register,
     rows: Register,
-    /// First register of the table, registers of a row, rows that it holds.
+    /// First register of the table; registers of a row (`stride`); maximum number of rows (`most`).
     table: u16,
     stride: u16,
     most: u16,
@@ -87,7 +88,7 @@ pub(super) struct Layout {
 
 impl Layout {
     /// # Errors
-    /// Items that lie over each other, or beyond the `registers` of the chunk.
+    /// Items overlap, or are beyond the `registers` of the chunk.
     pub(super) fn of(keys: ParameterKeys, row: RowKeys, registers: u16) -> Result<Self, String> {
         let table = keys.table.address.unwrap_or(8);
         let stride = keys.table.registers.unwrap_or(16);
@@ -147,10 +148,10 @@ impl Layout {
         apart(row)
     }
 
-    /// The chunk that says `call`, as bytes, the high one of each register first.
+    /// Returns the chunk for `call` as bytes, the high byte of each register first.
     ///
     /// # Errors
-    /// In words: too many rows, a number that the registers do not hold as the text says it.
+    /// There are too many rows, or the registers cannot hold a number of the text.
     pub(super) fn chunk(&self, call: &Call) -> Result<Vec<u8>, String> {
         let items = self.items(call)?;
         let length = usize::from(self.table) + call.rows.len() * usize::from(self.stride);
@@ -161,7 +162,7 @@ impl Layout {
             let place = words.get_mut(first..first + written.len());
             place.ok_or("a parameter lies beyond the chunk")?.copy_from_slice(&written);
         }
-        // What the control will read, number for number.
+        // Compares each number with the one that the control will read.
         for (register, value) in &items {
             let read = register.read(&words, 0).map_err(|error: ValueError| error.to_string())?;
             if (read - value).abs() > SAME {
@@ -174,7 +175,7 @@ impl Layout {
         Ok(words.into_iter().flat_map(u16::to_be_bytes).collect())
     }
 
-    /// Every number of the call and where it lies.
+    /// All numbers of the call, each with its register.
     fn items(&self, call: &Call) -> Result<Vec<(Register, f64)>, String> {
         let (rows, most) = (call.rows.len(), usize::from(self.most));
         if rows > most {

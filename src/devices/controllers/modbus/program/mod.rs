@@ -1,15 +1,15 @@
-//! A resident program behind the window: for a control that executes no lines, but holds a measuring
-//! program of its own, which a register starts. `docs/resident-program.md` publishes what it must do.
-//! Instead of a line the chunk holds the program's parameters: one [`Block`](machine::record::motion::Block)
-//! as a table of rows. Its result comes back through a slot that is handed over and acknowledged.
+//! Resident program behind the window: for a control that executes no lines, but has a measuring program of
+//! its own, which a register starts. `docs/resident-program.md` specifies this program. Instead of a line
+//! the chunk holds the program's parameters: one [`Block`](machine::record::motion::Block) as a table of
+//! rows. Its results come back one by one through a slot of registers; each is acknowledged.
 //!
-//! - **Nothing unproven starts.** The block is rendered, and the text proven, as for every control. The
-//!   rows are made of that text as it is read back, and the registers are read again as numbers and
-//!   compared with it before they are written.
-//! - **Nothing half-written starts.** What was written is read back; the check sum covers all of it, and
-//!   with it the one sequence that may start it.
-//! - **A start happens once.** After an unanswered one the control tells whether it took it.
-//! - **A result counts once.** It has a number, and names the call and the row that it is of.
+//! - **Only proven text is executed.** The block is rendered, and the text proven, as for every control.
+//!   The rows are made from that text as it was read back; the registers are converted back to numbers and
+//!   compared with the text before they are written.
+//! - **No incomplete table is executed.** The written registers are read back; the checksum covers all of
+//!   them, and the one sequence number that may start the program.
+//! - **A start happens once.** After an unanswered start the control reports whether it has accepted it.
+//! - **A result counts once.** It has a number, and names its call and its row.
 
 mod call;
 mod layout;
@@ -23,7 +23,7 @@ use layout::{Layout, ParameterKeys, RowKeys};
 
 use super::map::Map;
 
-/// `[controller.program]`.
+/// Keys of `[controller.program]`.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Keys {
@@ -33,18 +33,18 @@ pub(super) struct Keys {
     row: RowKeys,
 }
 
-/// Which program, and where its parameters lie in the chunk.
+/// Number of the resident program, and layout of its parameters in the chunk.
 #[derive(Debug, Clone)]
 pub(super) struct Program {
     pub number: u16,
-    /// The probe's number there; 0: the program need not look.
+    /// Number of the probe as a tool of the control; 0: the program need not check it.
     tool: u16,
     layout: Layout,
 }
 
 impl Program {
     /// # Errors
-    /// Parameters that do not fit the chunk of `map`, or lie over each other.
+    /// The parameters do not fit the chunk of `map`, or overlap.
     pub(super) fn of(keys: Keys, map: &Map) -> Result<Self, String> {
         let Keys { number, tool, parameters, row } = keys;
         let layout = Layout::of(parameters, row, map.command.chunk.registers)?;

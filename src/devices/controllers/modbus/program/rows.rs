@@ -1,4 +1,4 @@
-//! A block as rows of a table: what the proven text says, as it is read back, and nothing else.
+//! A block as rows of a table: the content of the proven text as it was read back, and nothing else.
 
 use crate::controllers::ControllerError;
 use machine::record::motion::Motion;
@@ -7,7 +7,7 @@ use planning::gcode::Transmission;
 use planning::gcode::rs274::{Kind, ReadMotion};
 use planning::proof::ProvenBlock;
 
-/// What a row makes the program do; the number is the one of `docs/resident-program.md`.
+/// Action of a row; the numbers are those of `docs/resident-program.md`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Does {
     Rapid = 1,
@@ -21,18 +21,19 @@ pub(super) enum Does {
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Row {
     pub does: Does,
-    /// Where the axes that it names end, mm and rad.
+    /// End position of the axes that the row names, mm and rad.
     pub target: Position,
-    /// Feed in mm/min, seconds of a dwell, degrees of an orientation; 0 of a rapid.
+    /// Feed in mm/min, duration of a dwell in s, orientation in degrees; 0 for a rapid.
     pub value: f64,
-    /// A move that should meet nothing: a contact during it is a fault. A back-off leads out of contact.
+    /// Whether the move should touch nothing: a contact during it is a fault. A back-off leads out of
+    /// contact.
     pub is_free_move: bool,
 }
 
-/// The rows of `block`: the motions as the proof has read them.
+/// Returns the rows of `block`: the motions as the proof has read them.
 ///
 /// # Errors
-/// A block that is not the one that was proven; a text that no row can say.
+/// The block differs from the proven one, or no row can express its text.
 pub(super) fn of(block: &ProvenBlock) -> Result<Vec<Row>, ControllerError> {
     let step = block.step();
     if *block.transmission() != Transmission::Rows {
@@ -44,7 +45,8 @@ pub(super) fn of(block: &ProvenBlock) -> Result<Vec<Row>, ControllerError> {
     pairs.map(|(motion, read)| row(motion, read).map_err(fault)).collect()
 }
 
-/// `motion` tells a touch from a guarded move, which some languages write alike; all else is the text's.
+/// Converts one motion. `motion` distinguishes a touch from a guarded move, which some languages write
+/// alike; all else comes from the text.
 fn row(motion: &Motion, read: &ReadMotion) -> Result<Row, String> {
     let feed = read.feed_mm_min;
     let (does, value) = match read.kind {
@@ -61,8 +63,8 @@ fn row(motion: &Motion, read: &ReadMotion) -> Result<Row, String> {
     Ok(Row { does, target: read.target.clone(), value, is_free_move })
 }
 
-/// Where the machine stands after `rows`, if it stood at `from` and a touch met its contact; without
-/// the axes of which nobody can say it, because a touch moved them last.
+/// Position of the machine after `rows`, if it was at `from` and each touch met its contact. Axes that a
+/// touch moved last are left out: their position is unknown.
 pub(super) fn end(rows: &[Row], from: &Position) -> Position {
     rows.iter().fold(from.clone(), |stands, row| match row.does {
         Does::Touch => stands.only(|axis| {

@@ -1,4 +1,4 @@
-//! The driver against the simulated control's own program.
+//! Tests of the driver against the simulated control's own program.
 
 use std::time::Duration;
 
@@ -28,7 +28,7 @@ fn x(mm: f64) -> Position {
     to(&[(Axis::X, mm)])
 }
 
-/// Beside the part, whose contact is at 28 mm.
+/// Motions to a position beside the part, whose contact is at 28 mm.
 fn beside() -> Vec<Motion> {
     let down = to(&[(Axis::Z, -150.0)]);
     vec![
@@ -75,7 +75,7 @@ async fn a_block_is_one_call_and_the_control_reads_what_the_text_says() {
     let touch = outcome.touch.unwrap();
     assert!((touch.at(Axis::X) - 28.0).abs() < 1e-3, "{touch:?}");
     assert_eq!((touch.at(Axis::Z), touch.at(Axis::S)), (-150.0, -0.5));
-    // -0.5 rad is 331.352 degrees, -0.1 and 0.2 rad are -5.7296 and 11.4592.
+    // -0.5 rad is 331.352 degrees, -0.1 and 0.2 rad are -5.7296 and 11.4592 degrees.
     assert_eq!(
         told(&diary),
         [
@@ -97,7 +97,7 @@ async fn a_list_of_touches_is_handed_over_one_by_one() {
         let program = driver.program.clone().unwrap();
         let (found, status) = driver.results(&program, &rows, &proven(&block)).await.unwrap();
         assert_eq!(found.iter().map(|found| found.row).collect::<Vec<_>>(), [3, 5, 7], "{kind:?}");
-        // Each is the contact that the control made.
+        // Each result is a contact that the control has made.
         let diary = diary.lock().unwrap();
         let made = diary.iter().filter_map(|entry| match entry {
             Entry::Contact { t_s, .. } => Some(Some(*t_s)),
@@ -134,7 +134,7 @@ async fn a_contact_where_none_should_be_and_none_where_one_should_end_the_progra
 #[tokio::test]
 async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
     let (mut first, diary) = prepared(PROGRAM, Vec::new()).await;
-    // The program ends, its result is never acknowledged: the daemon was killed.
+    // The program ends, and its result is never acknowledged: the daemon was killed.
     let motions: Vec<_> = beside().into_iter().chain(touch()).collect();
     let block = block(motions);
     let rows = rows::of(&proven(&block)).unwrap();
@@ -145,7 +145,7 @@ async fn a_result_that_nobody_took_is_not_taken_by_the_next_run() {
     tokio::time::sleep(Duration::from_millis(50)).await;
     let shown = first.window.status().await.unwrap().result.unwrap();
     assert!(shown.valid && shown.contact);
-    // The next run: it prepares, and its own touch is another one.
+    // The next run prepares, and its own touch has another result.
     first.prepare().await.unwrap();
     assert!(!first.window.status().await.unwrap().result.unwrap().valid);
     let outcome = first
@@ -180,7 +180,7 @@ async fn refusals_are_told_in_words() {
     for (keys, why) in [
         ("[program]\nnumber = 9", "no such program"),
         ("[program]\ntool = 4", "another tool"),
-        // An item that lies elsewhere: the check sum still fits, the call is not what it should be.
+        // An item is at another address: the checksum still fits, but the call is not the right one.
         ("[program.parameters]\nsequence = { address = 7 }", "cannot do a row"),
     ] {
         let (mut driver, diary) = prepared(keys, Vec::new()).await;
@@ -228,7 +228,7 @@ async fn regress_a_contact_during_a_turn_at_feed_is_held() {
 #[tokio::test]
 async fn a_contact_off_its_way_and_a_machine_that_ends_elsewhere_are_no_result() {
     for (item, first) in [("latch", 20), ("position", 32)] {
-        // X and Y are read from each other's place.
+        // X and Y are read from each other's registers.
         let axes = [("X", 2), ("Y", 0), ("Z", 4), ("B", 8), ("C", 10)];
         let axes = axes.map(|(axis, k)| format!("{axis} = {{ address = {} }}", first + k));
         let keys = format!("{PROGRAM}\n[registers.status]\n{item} = {{ {} }}", axes.join(", "));
