@@ -40,7 +40,7 @@ pub struct Series {
 /// Maximum number of runs of each method in a history: twice the number that is searched for changes.
 const NEWEST: u32 = 200;
 
-/// All series of `machine` over the newest [`NEWEST`] finished runs of each method, grouped by method, in the
+/// All series of `machine` over the newest `NEWEST` finished runs of each method, grouped by method, in the
 /// order of their first value.
 ///
 /// # Errors

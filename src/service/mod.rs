@@ -11,6 +11,7 @@ pub mod command_gate;
 #[cfg(test)]
 mod command_gate_tests;
 pub mod config;
+mod cycle_failure;
 mod daemon;
 mod daemon_file;
 mod heartbeat;
@@ -23,6 +24,7 @@ mod metrics;
 mod notify;
 mod resume;
 mod retention;
+mod run_events;
 pub mod schedule;
 pub mod schedule_state;
 pub mod telemetry;

@@ -4,8 +4,10 @@ use std::collections::BTreeSet;
 
 use super::ServeError;
 use super::captures::Begun;
+use super::cycle_failure::CycleFailure;
 use super::machine_state::{Refusal, State};
-use super::worker::{CycleFailure, MachineWorker, Progress};
+use super::run_events::Progress;
+use super::worker::MachineWorker;
 use super::worker_command::Acknowledgement;
 use crate::run::{Again, AgainError};
 use crate::setup;

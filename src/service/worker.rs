@@ -8,19 +8,21 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 use tracing::field::Empty;
-use tracing::{Instrument, Span, debug, info_span};
+use tracing::{Instrument, Span, info_span};
 
 use super::captures::{Begun, Captures};
 use super::command_gate::CommandGate;
 use super::config::{Config, Cycle};
+use super::cycle_failure::{CycleFailure, failure_of};
 use super::http::{Last, ServedMachine};
 use super::identify::Identifications;
 use super::last_run::unfinished;
-use super::machine_state::{Failure, MachineState, State};
+use super::machine_state::{Failure, State};
 use super::metrics::{Metrics, Outcome};
+use super::run_events::Progress;
 use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{Ended, Log, ServeError, schedule, triggers};
-use crate::run::{self, Asked, CycleError, Unidentified};
+use crate::run::{self, CycleError, Unidentified};
 use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
 use crate::store::{Journal, MachineLock, RunId, StoreError, sha256_text};
 use link::Wiring;
@@ -31,28 +33,6 @@ use machine::record::event::Event;
 const TICK: Duration = Duration::from_secs(1);
 /// Maximum time between two heartbeats while the worker waits.
 const HEARTBEAT_TIMEOUT: Duration = Duration::from_secs(10);
-
-/// Why a cycle has no estimate.
-#[derive(Debug, thiserror::Error)]
-pub(super) enum CycleFailure {
-    #[error(transparent)]
-    Setup(#[from] SetupError),
-    #[error(transparent)]
-    Cycle(#[from] CycleError),
-}
-
-impl CycleFailure {
-    /// Whether a requested stop ended the cycle.
-    fn is_stop(&self) -> bool {
-        matches!(self, Self::Cycle(error) if error.is_stop())
-    }
-}
-
-/// Progress of a run, %; it decreases only if the remaining time exceeds the previous total.
-pub(super) struct Progress {
-    pub(super) whole_s: f64,
-    pub(super) percent: u16,
-}
 
 /// Worker of one machine.
 pub(super) struct MachineWorker {
@@ -264,7 +244,7 @@ impl MachineWorker {
         let (state, why) = match &measured {
             Ok(_) => (State::Waiting, None),
             Err(CycleFailure::Cycle(error)) if error.holds() => {
-                (State::Held, Some(of_cycle(error)))
+                (State::Held, Some(failure_of(error)))
             }
             // The run is completely measured and nothing moves; it is identified while the machine waits.
             Err(CycleFailure::Cycle(CycleError::Identification {
@@ -274,7 +254,7 @@ impl MachineWorker {
                 self.identifications.add(*run);
                 (State::Waiting, None)
             }
-            Err(CycleFailure::Cycle(error)) => (State::Failed, Some(of_cycle(error))),
+            Err(CycleFailure::Cycle(error)) => (State::Failed, Some(failure_of(error))),
             Err(CycleFailure::Setup(error)) => {
                 let (what, remedy) = (error.to_string(), error.remedy());
                 (unopened, Some(Failure { what, remedy }))
@@ -285,7 +265,7 @@ impl MachineWorker {
                 format!("run {run} is finished, verdict {}", estimate.verdict)
             }
             (_, Some(Failure { what, remedy: Some(remedy) })) => format!("{what}; {remedy}"),
-            (Err(CycleFailure::Cycle(error)), None) => of_cycle(error).what,
+            (Err(CycleFailure::Cycle(error)), None) => failure_of(error).what,
             (_, why) => why.as_ref().map_or(String::new(), |why| why.what.clone()),
         };
         match &measured {
@@ -359,67 +339,4 @@ impl MachineWorker {
         self.gate.register_halt(&devices.controller.halt());
         Ok((devices, capture))
     }
-
-    pub(super) fn handle_event(&self, event: &Event, progress: &mut Progress) {
-        self.gate.heartbeat().beat(self.config.patience);
-        match event {
-            Event::Announced { text } => self.log.say(text),
-            Event::StageStarted { stage } => {
-                self.log.say(&format!("{}: {} touches", stage.name, stage.steps.len()));
-                self.gate.update(|machine_state| machine_state.stage.clone_from(&stage.name));
-            }
-            Event::StepStarted { step, remaining_s, label, .. } => {
-                debug!(step, "{label}");
-                let percent = progress.at(*remaining_s);
-                self.gate.update(|machine_state: &mut MachineState| {
-                    machine_state.progress_percent = percent;
-                    machine_state.remaining_s = Some(*remaining_s);
-                    machine_state.step.clone_from(label);
-                });
-            }
-            Event::Asked { step, repeat, text } => {
-                self.log.say(&format!("a person is asked: {text}"));
-                let asked = Asked { step: *step, repeat: *repeat, text: text.clone() };
-                self.gate.update(|machine_state| {
-                    (machine_state.asked, machine_state.live) = (Some(asked), None)
-                });
-            }
-            Event::Watched { values } => {
-                self.gate.update(|machine_state| machine_state.live = Some(values.clone()));
-            }
-            Event::Answered { who, .. } => self.log.say(&format!("done, says {who}")),
-            Event::ReadingStored { .. } | Event::ScanStored { .. } => {
-                self.gate.tally().read();
-                self.gate.update(|machine_state| machine_state.measured += 1);
-            }
-            _ => {}
-        }
-    }
-}
-
-impl Progress {
-    /// Progress, %; 100 is reserved for the end.
-    fn at(&mut self, remaining_s: f64) -> u16 {
-        if remaining_s > self.whole_s {
-            // After a stop, the reference checks run on their own; the remaining time is known only after them.
-            (self.whole_s, self.percent) = (remaining_s, 0);
-        }
-        let done = 100.0 * (1.0 - remaining_s / self.whole_s.max(f64::MIN_POSITIVE));
-        self.percent = self.percent.max(done.clamp(0.0, 99.0) as u16);
-        self.percent
-    }
-}
-
-fn of_cycle(error: &CycleError) -> Failure {
-    let (what, remedy) = match error {
-        CycleError::Run { run, error, .. } => (format!("run {run}: {error}"), error.remedy()),
-        CycleError::Identification { run, why } => (
-            format!("run {run} is measured and kept, but not identified: {why}"),
-            why.remedy().map_or(String::new(), |remedy| format!("{remedy}; "))
-                + &format!("`trued resume {run}` tries again, the machine does not move"),
-        ),
-        CycleError::Store(error) => (error.to_string(), error.remedy().to_owned()),
-        CycleError::Unqualified(error) => (error.to_string(), error.remedy()),
-    };
-    Failure { what, remedy: Some(remedy) }
 }

@@ -39,7 +39,7 @@ pub fn forecast(
     for (number, reading) in readings.iter_mut().enumerate() {
         reading.t_s = interval_s * number as f64;
     }
-    let declared = with_repeatability(plan);
+    let declared = nominal_plan(plan);
     let parts = parts(&declared, settings, planner, known, &readings, |_| None)?;
     let estimate = estimate::estimate(&parts);
     let symbols = &estimate.covariance.symbols;
@@ -78,7 +78,7 @@ pub fn unchecked(
     planner: &Planner<'_>,
     known: &KnownMotions<'_>,
 ) -> Result<Vec<u32>, IdentifyError> {
-    let declared = with_repeatability(plan);
+    let declared = nominal_plan(plan);
     let readings = nominal_passes(plan, settings);
     let parts = parts(&declared, settings, planner, known, &readings, |_| None)?;
     let found = &parts.identification.checked.smallest_found;
@@ -86,6 +86,13 @@ pub fn unchecked(
         found.iter().any(|one| one.deviation_um.is_none() && one.label == step.label)
     };
     Ok(plan.steps.iter().filter(is_unchecked).map(|step| step.id).collect())
+}
+
+/// The touches of the plan, with a declared repeatability.
+fn nominal_plan(plan: &Plan) -> Plan {
+    let mut declared = with_repeatability(plan);
+    declared.steps.retain(|step| step.text.is_none());
+    declared
 }
 
 fn nominal_passes(plan: &Plan, settings: &Settings) -> Vec<Reading> {

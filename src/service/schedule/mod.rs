@@ -1,8 +1,8 @@
 //! A due cycle starts if a person has armed it and the machine reports that it is ready; otherwise the reason is
 //! recorded.
 //!
-//! [`window`](self::window::window) finds the due slots, and [`judge`](self::judge::judge) decides whether a slot
-//! may start; both are pure functions. The [`Scheduler`] checks the clock once a second, on its own thread, so that
+//! `window` finds the due slots, and `judge` decides whether a slot
+//! may start; both are pure functions. The `Scheduler` checks the clock once a second, on its own thread, so that
 //! a clock that was set or a computer that slept does no harm. The outcome of a slot is in the journal before the
 //! machine moves.
 

@@ -93,7 +93,7 @@ pub enum FaultKind {
     LostHold,
     /// Its heartbeat stays as it is; its program goes on.
     HeartbeatStands,
-    /// From now on each contact is stamped with [`WRONG_STAMP_S`].
+    /// From now on each contact is stamped with `WRONG_STAMP_S`.
     WrongStamp,
     /// A program shows the result before once more, as valid.
     StaleResult,
