@@ -1,7 +1,7 @@
-//! The default self-calibration with a million Monte Carlo trials, from readings to estimate as a run
-//! computes it, against numpy at its best on two threads, which computes the trials alone.
+//! The default self-calibration with a million Monte Carlo trials, from readings to estimate as in a run, compared
+//! with vectorised numpy on two threads, which computes the trials alone.
 //!
-//! `cargo bench --bench monte_carlo`. numpy comes into a venv of its own in the target folder.
+//! `cargo bench --bench monte_carlo`. numpy is installed into a separate venv in the target folder.
 
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -22,7 +22,7 @@ use trued::setup::{self, MachineFile};
 mod plan_player;
 
 const TRIALS: usize = 1_000_000;
-/// The peer's time over ours.
+/// Minimum ratio of the peer's time to ours.
 const MIN_RATIO: f64 = 3.0;
 const SCRIPT: &str = include_str!("monte_carlo_numpy.py");
 
@@ -71,7 +71,7 @@ fn measured() -> Result<(SelfCalibration, Plan, Vec<Reading>), Box<dyn Error>> {
     Ok((own, plan, readings))
 }
 
-/// Best of nine: seconds, and the estimate.
+/// Best of nine runs: seconds, and the estimate.
 fn ours(
     method: &SelfCalibration,
     plan: &Plan,
@@ -86,7 +86,7 @@ fn ours(
     Ok((best, estimate))
 }
 
-/// What the trials need, as the script reads it.
+/// Input of the trials, in the format of the script.
 fn problem(fitted: &Fitted) -> Value {
     let fit = &fitted.fit;
     let unknowns = fit.x.len();
@@ -138,7 +138,7 @@ fn folder() -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench-numpy")
 }
 
-/// The python of a venv with numpy, made if it is not there.
+/// The python of a venv with numpy; the venv is created if it does not exist.
 fn numpy_python() -> Result<PathBuf, Box<dyn Error>> {
     let python = folder().join("bin/python");
     if !python.exists() {

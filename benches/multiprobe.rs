@@ -1,8 +1,8 @@
-//! Multiprobe with eight sensors at 10 kHz over 60 s of continuous turns: filtered to equal angles as a run does it,
-//! against the same filter in numpy in one run, and the identification from these readings, Monte Carlo included (JCGM 101 sets
-//! the number of trials).
+//! Multiprobe with eight sensors at 10 kHz over 60 s of continuous rotation. The filtering to equal angles, as in a
+//! run, is compared with the same filter in numpy; then follows the identification from these readings, Monte Carlo
+//! included (JCGM 101 sets the number of trials).
 //!
-//! `cargo bench --bench multiprobe`. numpy comes into a venv of its own in the target folder.
+//! `cargo bench --bench multiprobe`. numpy is installed into a separate venv in the target folder.
 
 use std::error::Error;
 use std::path::Path;
@@ -24,9 +24,9 @@ mod peer;
 
 use peer::{answer, folder, scipy_python};
 
-/// Equal angles in one revolution.
+/// Number of equal angles in one revolution.
 const POSITIONS: usize = 360;
-/// In the turn at each of the two mountings: 30 s at 120° a second.
+/// Number of revolutions at each of the two mountings: 30 s at 120°/s.
 const REVOLUTIONS: i64 = 10;
 const RATE_HZ: f64 = 1e4;
 const FEED_DEG_MIN: f64 = 7200.0;
@@ -36,10 +36,10 @@ const MAX_IDENTIFICATION_S: f64 = 1.0;
 const TOLERANCE_MM: f64 = 1e-10;
 const SCRIPT: &str = include_str!("multiprobe_numpy.py");
 
-/// One channel in one turn.
+/// Samples of one channel in one rotation.
 struct Turn<'a> {
     step: &'a Step,
-    /// Its number, and that of the mounting.
+    /// Number of the channel, and of the mounting.
     channel: usize,
     index: usize,
     samples: Vec<Sample>,
@@ -86,7 +86,7 @@ fn resampled(filter: &ResampleFilter, turn: &Turn) -> Resampled {
     Resampler::of_turn(filter, ends_rad, &turn.samples)
 }
 
-/// Best of three: seconds, and the estimate.
+/// Best of three runs: seconds, and the estimate.
 fn identified(
     method: &dyn Method,
     plan: &Plan,
@@ -129,7 +129,7 @@ fn machine_file() -> Result<MachineFile, Box<dyn Error>> {
     Ok(MachineFile::parse("multiprobe.toml", toml::to_string(&table)?)?)
 }
 
-/// Each turn of each channel.
+/// Every rotation, for each channel.
 fn turns(plan: &Plan) -> Vec<Turn<'_>> {
     let mut normal = StandardNormal.sample_iter(random::stream(1, &[1]));
     let steps = plan.steps.iter().filter(|step| step.label.starts_with("index/"));
@@ -152,7 +152,7 @@ fn turns(plan: &Plan) -> Vec<Turn<'_>> {
     turns
 }
 
-/// What a run keeps of a turn.
+/// The readings that a run stores of a rotation.
 fn readings(plan: &Plan, turn: &Turn, of: &Resampled) -> Vec<Reading> {
     let angle_per_s = (turn.step.feed_mm_min / 60.0).to_radians();
     let from = turn.step.from.at(Axis::C);
@@ -169,7 +169,7 @@ fn readings(plan: &Plan, turn: &Turn, of: &Resampled) -> Vec<Reading> {
     of.points().map(reading).collect()
 }
 
-/// Displacement of the surface towards a sensor, mm: motions of the table, which turns clockwise, and form of the
+/// Displacement of the surface towards a sensor, mm: motions of the table, which rotates clockwise, and form of the
 /// artefact.
 fn deviation(zero_mm: [f64; 3], direction: [f64; 3], q: f64, index: usize) -> f64 {
     let gamma = zero_mm[1].atan2(zero_mm[0]);
@@ -183,7 +183,7 @@ fn deviation(zero_mm: [f64; 3], direction: [f64; 3], q: f64, index: usize) -> f6
     x * gamma.cos() + y * gamma.sin() + form
 }
 
-/// Seconds of numpy, and the first revolution of each turn of each channel.
+/// Seconds of numpy, and the first revolution of each rotation of each channel.
 fn numpy(python: &Path, turns: &[Turn]) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
     let mut bytes = Vec::new();
     for turn in turns {

@@ -1,8 +1,8 @@
-//! One solve of 613 ball measurements (32 balls of the dome, 24 indexations, thirteen machine errors,
-//! the stylus) against `scipy.optimize.least_squares(method="lm")` with the analytic Jacobian,
-//! vectorised, on the same data in one run; and 10 000 re-solves for Monte Carlo.
+//! One solution of 613 ball measurements (32 balls of the dome, 24 indexations, thirteen machine errors, the
+//! stylus), compared with `scipy.optimize.least_squares(method="lm")` with the analytic Jacobian, vectorised, on
+//! the same data; and 10 000 repeated solutions for Monte Carlo.
 //!
-//! `cargo bench --bench samba`. scipy comes into a venv of its own in the target folder.
+//! `cargo bench --bench samba`. scipy is installed into a separate venv in the target folder.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -29,7 +29,7 @@ const NOISE_MM: f64 = 1e-3;
 const U_BAR_MM: f64 = 1e-4;
 const MEASUREMENTS: usize = 613;
 const TRIALS: usize = 10_000;
-/// What is asked for: the peer's time over ours, and the seconds of the re-solves.
+/// Limits: minimum ratio of the peer's time to ours, and maximum seconds of the repeated solutions.
 const LEAST_RATIO: f64 = 20.0;
 const MOST_S: f64 = 5.0;
 const TOOL: Vector3<f64> = Vector3::new(-0.012, -0.012, -326.746);
@@ -56,7 +56,7 @@ const ERRORS: [(&str, f64); 13] = [
 struct Data {
     problem: Problem,
     measured: Measured,
-    /// Per measurement: B, C, S (rad), X, Y, Z (mm), ball.
+    /// For each measurement: B, C, S (rad), X, Y, Z (mm), ball.
     table: Vec<([f64; 6], usize)>,
     balls: usize,
 }
@@ -87,7 +87,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Err(why) => return Err(why),
     };
     for (j, (found, theirs)) in ours.iter().zip(&theirs).enumerate() {
-        // A nanometre, a nanoradian: a thousandth of the noise.
+        // 1 nm or 1 nrad: a thousandth of the noise.
         if (found - theirs).abs() > 1e-6 {
             return Err(format!("unknown {j}: {found} against {theirs} of scipy").into());
         }
@@ -101,7 +101,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Best of twenty: seconds, and the solution.
+/// Best of twenty runs: seconds, and the solution.
 fn ours(data: &Data) -> Result<(f64, Minimum), Box<dyn Error>> {
     let solve = || data.problem.solve(&data.measured, data.problem.start(&data.measured));
     let (mut best, minimum) = (f64::INFINITY, solve()?);
@@ -113,7 +113,7 @@ fn ours(data: &Data) -> Result<(f64, Minimum), Box<dyn Error>> {
     Ok((best, minimum))
 }
 
-/// Seconds for the re-solves; that their scatter is the covariance is checked on the way.
+/// Seconds for the repeated solutions; checks also that their scatter equals the covariance.
 fn trials(data: &Data) -> Result<f64, Box<dyn Error>> {
     let Data { problem, measured, .. } = data;
     let minimum = problem.solve(measured, problem.start(measured))?;
@@ -141,7 +141,7 @@ fn trials(data: &Data) -> Result<f64, Box<dyn Error>> {
     Ok(seconds)
 }
 
-/// The dome measured at 24 indexations on the machine of paper 4; the balls that stand highest.
+/// The dome, measured at 24 indexations on the machine of paper 4; the highest balls.
 fn data() -> Result<Data, Box<dyn Error>> {
     let machine: Machine = serde_json::from_str(
         r#"{"name":"paper 4","topology":"w-C-B-X-F-Z-Y-S-t","axes":{
@@ -198,7 +198,7 @@ fn balls() -> Result<Vec<Vector3<f64>>, Box<dyn Error>> {
         .collect()
 }
 
-/// Seconds of scipy, and its unknowns in our order; BLAS on one thread or on all, which is faster.
+/// Seconds of scipy, and its unknowns in our order; BLAS on one thread or on all, whichever is faster.
 fn scipy(python: &Path, data: &Data) -> Result<(f64, Vec<f64>), Box<dyn Error>> {
     let mut text = String::new();
     writeln!(text, "{:?} {U_BAR_MM:e} {NOISE_MM:e} {}", data.measured.lengths[0], data.balls)?;

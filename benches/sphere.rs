@@ -1,8 +1,8 @@
-//! The sphere through 1 000 000 samples of a scan, with residuals and covariance, against
-//! `scipy.optimize.least_squares(method="lm")` with the analytic Jacobian on the same data in one
-//! run. The time of reading the data counts for neither.
+//! Sphere fit to 1 000 000 samples of a scan, with residuals and covariance, compared with
+//! `scipy.optimize.least_squares(method="lm")` with the analytic Jacobian on the same data. The time to read the
+//! data is excluded on both sides.
 //!
-//! `cargo bench --bench sphere`. scipy comes into a venv of its own in the target folder.
+//! `cargo bench --bench sphere`. scipy is installed into a separate venv in the target folder.
 
 use std::error::Error;
 use std::f64::consts::TAU;
@@ -22,9 +22,9 @@ const SAMPLES: usize = 1_000_000;
 const CENTRE_MM: [f64; 3] = [100.0, -50.0, 300.0];
 const RADIUS_MM: f64 = 10.0;
 const NOISE_MM: f64 = 0.5e-3;
-/// How far from the pole the beam still finds an echo.
+/// Maximum angle from the pole at which the beam has an echo.
 const CAP_DEG: f64 = 30.0;
-/// What is asked for: the peer's time over ours.
+/// Minimum ratio of the peer's time to ours.
 const LEAST_RATIO: f64 = 10.0;
 const SCRIPT: &str = include_str!("sphere_scipy.py");
 
@@ -55,7 +55,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         Err(why) => return Err(why),
     };
     for (k, found) in ours.centre.into_iter().chain([ours.radius]).enumerate() {
-        // A picometre; the noise leaves ten nanometres.
+        // A picometre; the uncertainty from the noise is ten nanometres.
         if (found - theirs[k + 1]).abs() > 1e-9 {
             return Err(format!("unknown {k}: {found} against {} of scipy", theirs[k + 1]).into());
         }
@@ -68,7 +68,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Best of twenty: seconds, and the sphere.
+/// Best of twenty runs: seconds, and the sphere.
 fn ours(points: &[[f64; 3]]) -> Result<(f64, Sphere), Box<dyn Error>> {
     let (mut best, sphere) = (f64::INFINITY, fit_sphere(points)?);
     for _ in 0..20 {
@@ -79,7 +79,7 @@ fn ours(points: &[[f64; 3]]) -> Result<(f64, Sphere), Box<dyn Error>> {
     Ok((best, sphere))
 }
 
-/// Evenly over the cap.
+/// Samples distributed evenly over the cap.
 fn samples() -> Vec<[f64; 3]> {
     let mut stream = random::stream(1, &[3]);
     let lowest = CAP_DEG.to_radians().cos();

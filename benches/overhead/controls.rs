@@ -1,4 +1,4 @@
-//! Controls that answer at once and compute nothing: what is left of a touch's time is the daemon's.
+//! Controls that answer at once and compute nothing: the remaining time of a touch is the daemon's.
 
 use std::collections::BTreeMap;
 use std::io::{Read as _, Write as _};
@@ -9,10 +9,10 @@ use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 
 use super::tape::{ASK_FULL, Exchange, STATUS, frame, word};
 
-/// Place of the heartbeat in the status block.
+/// Index of the heartbeat in the status block.
 const HEARTBEAT: usize = 11;
 
-/// A grbl control on `stream`, on a thread of its own; the stream is made there.
+/// Serves a grbl control on `stream`, on its own thread; the stream is created there.
 pub fn grbl<S: AsyncRead + AsyncWrite + Unpin>(
     tape: Vec<Exchange>,
     stream: impl FnOnce() -> S + Send + 'static,
@@ -51,7 +51,7 @@ pub fn grbl<S: AsyncRead + AsyncWrite + Unpin>(
     });
 }
 
-/// A Modbus TCP control on a port of its own, which is returned. A chunk is done when it is asked for.
+/// Serves a Modbus TCP control and returns its port. A chunk is complete as soon as its status is read.
 pub fn modbus(tape: BTreeMap<u16, Vec<u16>>) -> u16 {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();

@@ -1,10 +1,10 @@
-//! What the daemon adds to a touch: planned, proven, rendered, sent, answered, checked and in the journal,
-//! against controls that answer at once, compute nothing and move in no time. Not in it: how late the end
-//! of a real move is noticed: up to 20 ms, as a driver that waits asks so often.
+//! Time that the daemon adds to a touch: planning, proof, rendering, sending, checking the answer and journalling,
+//! with controls that answer at once, compute nothing and move in no time. Not included: the delay, up to 20 ms,
+//! until the end of a real move is detected, because a waiting driver polls at that interval.
 //!
-//! `cargo bench --bench overhead`, alone on the computer. The journal lies in memory (`/dev/shm`): what the
-//! disk's sync adds is told apart. Measured in rounds; the middle one must keep what is asked for, over the
-//! wire in memory and over Modbus TCP. A pseudo-terminal is told beside them.
+//! `cargo bench --bench overhead`, alone on the computer. The journal is in memory (`/dev/shm`): the time of the
+//! disk's sync is reported separately. The benchmark runs in rounds; the median round must meet the limit, over the
+//! in-memory wire and over Modbus TCP. The times over a pseudo-terminal are reported without a limit.
 
 mod controls;
 mod measure;
@@ -21,7 +21,7 @@ use trued::setup;
 use trued::store::{Journal, NewRun};
 
 const ROUNDS: usize = 8;
-/// What is asked for, at the 99th percentile.
+/// Maximum time at the 99th percentile.
 const MOST: Duration = Duration::from_millis(5);
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -39,7 +39,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     if slow.is_empty() { Ok(()) } else { Err(format!("above {MOST:?}: {slow:?}").into()) }
 }
 
-/// Tells of them; returns the 99th percentile of the middle round.
+/// Prints the times; returns the 99th percentile of the median round.
 fn touches(wire: Wire, rounds: &[Round]) -> Duration {
     let touches: Vec<_> = rounds.iter().flat_map(|round| round.touches.clone()).collect();
     let stages: Vec<_> = rounds.iter().flat_map(|round| round.stages.clone()).collect();
@@ -72,7 +72,7 @@ fn journals(readings: &[Reading]) -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// How long a reading takes to its place in the journal, by itself.
+/// Time to store a reading in the journal, measured alone.
 fn journal(readings: &[Reading], folder: &Path) -> Result<Vec<Duration>, Box<dyn Error>> {
     let folder = tempfile::tempdir_in(folder)?;
     let journal = Journal::open(folder.path())?;

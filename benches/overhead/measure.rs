@@ -1,6 +1,5 @@
-//! Runs of the real daemon (plan, proof, rendering, driver, link, journal) on such a control, and how
-//! long each touch takes: from the reading before it, or the start of its stage, until its own is in the
-//! journal.
+//! Runs the real daemon (plan, proof, rendering, driver, link, journal) on such a control and times each touch:
+//! from the previous reading, or the start of the stage, until its own reading is in the journal.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -39,8 +38,8 @@ impl Wire {
         }
     }
 
-    /// On a pseudo-terminal each exchange goes through the kernel's line discipline, a work queue each way:
-    /// how long that takes is not the daemon's.
+    /// Whether the limit applies. On a pseudo-terminal each exchange passes the kernel's line discipline, one work
+    /// queue in each direction; the daemon does not control that time.
     pub fn has_limit(self) -> bool {
         self != Self::GrblPty
     }
@@ -64,21 +63,22 @@ pub struct Prepared {
     capture: String,
 }
 
-/// Each touch in its order, and the pauses between stages, in which the next one is planned and proven.
+/// Times of the touches in their order, and of the pauses between stages, in which the next stage is planned and
+/// proven.
 pub struct Round {
     pub touches: Vec<Duration>,
     pub stages: Vec<Duration>,
     pub readings: Vec<Reading>,
 }
 
-/// Without a disk, where the system has such a folder.
+/// A folder in memory, where the system has one.
 pub fn in_memory() -> PathBuf {
     let shared = PathBuf::from("/dev/shm");
     if shared.is_dir() { shared } else { std::env::temp_dir() }
 }
 
 impl Prepared {
-    /// Has the simulated control measure once, and keeps what it says.
+    /// Runs the method once on the simulated control and keeps its answers.
     pub fn of(wire: Wire) -> Self {
         let (file, folder) = (wire.machine(), tempfile::tempdir().unwrap());
         let path = folder.path().join("a.capture");
@@ -95,7 +95,7 @@ impl Prepared {
         Self { wire, file, capture }
     }
 
-    /// The whole method once more, from the prepared answers; the journal in `folder`.
+    /// Runs the whole method again with the prepared answers; the journal is in `folder`.
     pub fn round(&self, folder: &Path) -> Round {
         on_a_runtime(async {
             let devices = self.devices().await;
@@ -122,7 +122,7 @@ impl Prepared {
                     pty.device
                 });
                 let (path, client_side) = told.recv().unwrap();
-                // Held open as long as this runs.
+                // Held open until the process ends.
                 std::mem::forget(client_side);
                 link::open(&Address::Serial { path, baud: 115_200 }).await.unwrap()
             }
@@ -160,7 +160,7 @@ async fn run(file: &MachineFile, devices: &Devices, folder: &Path) -> Round {
             stages.extend(ended.map(|ended| now - ended));
             begun = Some(now);
         }
-        // Told once it is stored.
+        // The event follows the storage.
         Event::ReadingStored { .. } => {
             let now = Instant::now();
             touches.extend(begun.replace(now).map(|begun| now - begun));
@@ -175,7 +175,7 @@ async fn run(file: &MachineFile, devices: &Devices, folder: &Path) -> Round {
     Round { touches, stages, readings }
 }
 
-/// So that `share` of the times are not above it.
+/// Smallest time that at least `share` of the times do not exceed.
 pub fn quantile(times: &[Duration], share: f64) -> Duration {
     let mut sorted = times.to_vec();
     sorted.sort();

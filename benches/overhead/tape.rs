@@ -1,13 +1,12 @@
-//! What a control said, from a capture of a run: prepared answers for one that computes nothing.
+//! Answers of a control, from a capture of a run, for a control that computes nothing.
 
 use std::collections::BTreeMap;
 
-/// First register of the status block, its length, and the place of the heartbeat in it; the chunk's
-/// sequence in the command block (docs/line-window.md).
+/// Length of the status block, registers; index of the chunk's sequence in the command block (docs/line-window.md).
 pub const STATUS: usize = 45;
 const SEQUENCE: usize = 1;
 
-/// Bytes with the way they went: `>` to the control, `<` from it.
+/// Bytes with their direction: `>` to the control, `<` from the control.
 fn passed(capture: &str) -> Vec<(char, Vec<u8>)> {
     let lines = capture.lines().filter(|line| !line.starts_with('#'));
     let cut = lines.filter_map(|line| {
@@ -18,7 +17,7 @@ fn passed(capture: &str) -> Vec<(char, Vec<u8>)> {
     cut.filter(|(mark, _)| *mark != '=').collect()
 }
 
-/// As `u8::escape_ascii` wrote them.
+/// The inverse of `u8::escape_ascii`.
 fn bytes(text: &str) -> Vec<u8> {
     let mut rest = text.bytes();
     let mut found = Vec::new();
@@ -40,10 +39,10 @@ fn bytes(text: &str) -> Vec<u8> {
     found
 }
 
-/// Asks a grbl control for its report with all fields.
+/// Requests a report with all fields from a grbl control.
 pub const ASK_FULL: u8 = 0x87;
 
-/// A line to a grbl control and what it said to it; then its reports, which `?` and [`ASK_FULL`] ask for.
+/// A line to a grbl control and the answers to it; then the reports, which `?` and [`ASK_FULL`] request.
 #[derive(Clone, Default)]
 pub struct Exchange {
     pub line: Vec<u8>,
@@ -52,7 +51,7 @@ pub struct Exchange {
     pub full_report: Vec<u8>,
 }
 
-/// The first has no line: it is what the control says of itself.
+/// The first exchange has no line: it is the control's identification.
 pub fn grbl(capture: &str) -> Vec<Exchange> {
     let mut all = vec![Exchange::default()];
     let (mut sent, mut came) = (Vec::new(), Vec::new());
@@ -88,7 +87,7 @@ pub fn grbl(capture: &str) -> Vec<Exchange> {
     all
 }
 
-/// The status of a Modbus control once each chunk is done; of 0, before the first.
+/// Status of a Modbus control after each chunk; key 0: before the first chunk.
 pub fn modbus(capture: &str) -> BTreeMap<u16, Vec<u16>> {
     let (mut sent, mut came) = (Vec::new(), Vec::new());
     let (mut sequence, mut found) = (0, BTreeMap::new());
@@ -114,8 +113,8 @@ pub fn modbus(capture: &str) -> BTreeMap<u16, Vec<u16>> {
     found
 }
 
-/// A whole Modbus TCP frame from the beginning of `bytes`: six bytes of head, of which the last two say
-/// how many follow.
+/// A complete Modbus TCP frame from the beginning of `bytes`: a header of six bytes, of which the last two give the
+/// number of bytes that follow.
 pub fn frame(bytes: &mut Vec<u8>) -> Option<Vec<u8>> {
     let end = 6 + usize::from(u16::from_be_bytes([*bytes.get(4)?, *bytes.get(5)?]));
     (bytes.len() >= end).then(|| bytes.drain(..end).collect())

@@ -8,7 +8,7 @@ pub fn folder() -> PathBuf {
     Path::new(env!("CARGO_TARGET_TMPDIR")).join("bench-scipy")
 }
 
-/// The python of a venv with scipy, made if it is not there.
+/// The python of a venv with scipy; the venv is created if it does not exist.
 pub fn scipy_python() -> Result<PathBuf, Box<dyn Error>> {
     if let Some(python) = std::env::var_os("TRUED_BENCH_PYTHON") {
         std::fs::create_dir_all(folder())?;
@@ -24,7 +24,7 @@ pub fn scipy_python() -> Result<PathBuf, Box<dyn Error>> {
     Ok(python)
 }
 
-/// The numbers that the script prints: seconds first.
+/// The numbers that the script prints, seconds first.
 pub fn answer(command: &mut Command) -> Result<Vec<f64>, Box<dyn Error>> {
     let output = run(command)?;
     let mut numbers = Vec::new();

@@ -1,4 +1,4 @@
-//! `trued serve` itself, with its control on such a wire.
+//! `trued serve` itself, with its control at the end of a test wire.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -20,7 +20,7 @@ const SERVE: &str = "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n[se
                      [serve.http]\nlisten = \"127.0.0.1:0\"\n";
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// The simulated machine, without what it serves.
+/// The simulated machine without `[serve]`.
 fn simulated() -> &'static str {
     FILE.split("\n[serve]").next().unwrap_or(FILE)
 }
@@ -31,7 +31,7 @@ fn command(arguments: &[&str], state: &Path) -> Command {
     command
 }
 
-/// What the simulated control says to the same method.
+/// Answers of the simulated control to the same method.
 pub fn tape() -> Vec<Exchange> {
     let folder = tempfile::tempdir().unwrap();
     let (machine, capture) = (folder.path().join("machine.toml"), folder.path().join("a.capture"));
@@ -49,7 +49,7 @@ pub struct Daemon {
     _folder: tempfile::TempDir,
 }
 
-/// `[controller]` and `[simulated]` are another machine's.
+/// The machine file with `[controller]` and `[simulated]` replaced by the control at this port.
 fn at_wire(port: u16) -> String {
     let file = simulated();
     let begin = file.find("\n[controller]").unwrap();
@@ -63,7 +63,7 @@ fn at_wire(port: u16) -> String {
 }
 
 impl Daemon {
-    /// The journal in `folder`.
+    /// The journal is in `folder`.
     pub fn new(wire: u16, folder: &Path) -> Self {
         let folder = tempfile::tempdir_in(folder).unwrap();
         let machine: PathBuf = folder.path().join("machine.toml");
@@ -78,7 +78,7 @@ impl Daemon {
         format!("127.0.0.1:{}", self.port)
     }
 
-    /// Status and body; `what` of the machine's.
+    /// Status and body of the response for `what` below the machine's path.
     pub fn ask(&self, method: &str, what: &str, body: &Value) -> (u16, Value) {
         self.at(method, &format!("{PATH}{what}"), body)
     }
@@ -108,7 +108,7 @@ impl Daemon {
         );
     }
 
-    /// Who asks as often as this is told to wait.
+    /// Repeats a request as long as the answer is 429 (too many requests).
     pub fn wants(&self, what: &str, body: &Value) {
         let mut answer = self.ask("POST", what, body);
         while answer.0 == 429 {
@@ -130,7 +130,7 @@ impl Daemon {
         }
     }
 
-    /// The steps of the first run with which its stages begin.
+    /// The first step of each stage of the first run.
     pub fn begin_stages(&self) -> Vec<u32> {
         let plan = self.at("GET", "/api/v1/runs/1/plan", &json!({})).1;
         let steps = plan["steps"].as_array().expect("steps").iter();
@@ -139,16 +139,16 @@ impl Daemon {
         steps.iter().filter_map(|(_, id)| Some(id.as_u64()? as u32)).collect()
     }
 
-    /// The processor time that it has used, s.
+    /// Processor time of the daemon, s.
     pub fn processor_s(&self) -> f64 {
         let stat =
             std::fs::read_to_string(format!("/proc/{}/stat", self.served.child.id())).unwrap();
         let fields: Vec<&str> = stat.rsplit_once(')').unwrap().1.split_whitespace().collect();
-        // In hundredths of a second: utime and stime.
+        // utime and stime, in hundredths of a second.
         (fields[11].parse::<f64>().unwrap() + fields[12].parse::<f64>().unwrap()) / 100.0
     }
 }
 
-/// What a tablet asks for, as its script does.
+/// The request of a tablet, the same as that of the page's script.
 pub const LIVE: &str = "/machines/simulated%20five-axis%20machine/live";
 pub const EVENTS: &str = "/api/v1/machines/simulated%20five-axis%20machine/events";

@@ -1,6 +1,6 @@
-//! What the page may cost a run: how fast a hold reaches the wire, and how much later the next line of a
-//! run comes while tablets read along. `trued serve` in a process of its own, its control here, at the other
-//! end of a TCP wire.
+//! Cost of the page for a run: how fast a hold reaches the wire, and how much later the next line of a run comes
+//! while tablets are connected. `trued serve` runs in its own process; its control runs here, at the other end of a
+//! TCP wire.
 //!
 //! `cargo bench --bench serve`, alone on the computer.
 
@@ -28,14 +28,14 @@ use tape::Exchange;
 use wire::Wire;
 
 const HOLDS: usize = 50;
-/// From the request to the wire, at the 99th percentile: of fifty the slowest.
+/// Maximum time from the request to the wire, at the 99th percentile: of fifty, the slowest.
 const HOLD: Duration = Duration::from_millis(20);
 const TABLETS: usize = 50;
-/// From a touch's result to the next line, at the 99th percentile.
+/// Maximum time from a touch's result to the next line, at the 99th percentile.
 const LINE: Duration = Duration::from_millis(5);
-/// Enough touches for a 99th percentile.
+/// Number of runs: enough touches for a 99th percentile.
 const RUNS: usize = 4;
-/// A touch of a machine takes some seconds; here long enough that each has its events.
+/// Duration of a touch. On a machine it is some seconds; here it is long enough that each touch has its events.
 const TOUCH: Duration = Duration::from_millis(150);
 
 fn main() {
@@ -70,7 +70,7 @@ fn told(name: &str, times: &[Duration], most: Option<Duration>) -> Option<String
     most.is_some_and(|most| p99 > most).then(|| format!("{name}: {}", ms(p99)))
 }
 
-/// Each in mid-cycle, at another moment of it.
+/// Each hold comes in mid-cycle, at a different moment of the cycle.
 fn holds(tape: &[Exchange], tablets: usize, folder: &Path) -> Vec<Duration> {
     let wire = Wire::new(tape.to_vec(), Duration::from_millis(20));
     let daemon = Daemon::new(wire.port, folder);
@@ -86,7 +86,7 @@ fn holds(tape: &[Exchange], tablets: usize, folder: &Path) -> Vec<Duration> {
         daemon.until(|now| now["state"] == "held");
         let seen = wire.seen.lock().unwrap();
         assert!(seen.holds.len() > number, "no hold came");
-        // The first one counts: a driver that gives up may say it again.
+        // The first hold counts: a driver that gives up may send it again.
         let first = seen.holds.iter().find(|at| **at > asked).expect("a hold");
         times.push(*first - asked);
         drop(seen);
@@ -95,7 +95,7 @@ fn holds(tape: &[Exchange], tablets: usize, folder: &Path) -> Vec<Duration> {
     times
 }
 
-/// Of whole runs: within a stage, and from one to the next.
+/// Times between lines of whole runs: within a stage, and between stages.
 fn lines(tape: &[Exchange], tablets: usize, folder: &Path) -> [Vec<Duration>; 2] {
     let wire = Wire::new(tape.to_vec(), TOUCH);
     let daemon = Daemon::new(wire.port, folder);

@@ -1,5 +1,6 @@
-//! Tablets: each listens to events and asks for the live part of its page at each, as the page's script does.
-//! They run in a process of their own at the lowest priority: in a shop they are other computers.
+//! Simulated tablets: each receives events and requests the live part of its page at each event, as the page's
+//! script does. They run in a separate process at the lowest priority, because in a workshop they are other
+//! computers.
 
 use std::process::{Child, Command, Stdio};
 use std::sync::Arc;
@@ -36,14 +37,14 @@ impl Readers {
     }
 }
 
-/// What this process is asked to do instead.
+/// The task that this process gets through the environment instead of the benchmark.
 pub fn asked_for() -> Option<(String, usize)> {
     let asked = std::env::var(ASKED).ok()?;
     let (address, count) = asked.split_once(' ')?;
     Some((address.to_owned(), count.parse().ok()?))
 }
 
-/// Until it is killed.
+/// Runs the tablets until the process is killed.
 pub fn be(address: &str, count: usize) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
@@ -70,7 +71,7 @@ async fn tablet(address: String, listening: Arc<AtomicU64>) {
         if !line.starts_with("data:") {
             continue;
         }
-        // A connection that was idle for too long is closed; a browser opens another.
+        // The server closes an idle connection; a browser opens a new one.
         if page.write_all(head(LIVE).as_bytes()).await.is_err()
             || !taken(&mut page, &mut buffer).await
         {
@@ -79,7 +80,7 @@ async fn tablet(address: String, listening: Arc<AtomicU64>) {
     }
 }
 
-/// A whole answer: its head says how long it is.
+/// Reads a complete response; its head gives the length.
 async fn taken(page: &mut TcpStream, buffer: &mut [u8]) -> bool {
     let mut answer = Vec::new();
     loop {

@@ -1,5 +1,5 @@
-//! The other end of the wire: a grbl control over TCP that plays prepared answers, computes nothing, and keeps
-//! when it got what.
+//! The other end of the wire: a grbl control over TCP that plays prepared answers, computes nothing, and records
+//! the times of reception.
 
 use std::io::{ErrorKind, Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -11,10 +11,10 @@ use super::tape::{ASK_FULL, Exchange};
 
 #[derive(Default)]
 pub struct Seen {
-    /// When a hold was there.
+    /// Times at which a hold arrived.
     pub holds: Vec<Instant>,
-    /// From the answer that ended a step to the first line of the one with this number: reading, journal,
-    /// next block.
+    /// Time from the answer that ended the previous step to the first line of the step with this number: reading,
+    /// journal, next block.
     pub between: Vec<(u32, Duration)>,
 }
 
@@ -24,7 +24,7 @@ pub struct Wire {
 }
 
 impl Wire {
-    /// `takes`: the first move of each step.
+    /// `takes`: duration of the first move of each step.
     pub fn new(tape: Vec<Exchange>, takes: Duration) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -46,21 +46,21 @@ struct Control {
     seen: Arc<Mutex<Seen>>,
 }
 
-/// The number of the step that a line belongs to.
+/// The number of the step to which a line belongs.
 fn step(line: &[u8]) -> Option<u32> {
     let text = std::str::from_utf8(line).ok()?;
     text.strip_prefix('N')?.split(' ').next()?.parse().ok()
 }
 
-/// Where the conversation stands.
+/// State of the conversation.
 struct Talk {
     at: usize,
     line: Vec<u8>,
     step: Option<u32>,
     held: bool,
-    /// The answer to a move that is under way, and when it ends.
+    /// The answer to a running move, and the time of its end.
     moving: Option<(Instant, Vec<u8>)>,
-    /// When the last two answers were given.
+    /// Times of the last two answers.
     answered: [Instant; 2],
 }
 
@@ -94,7 +94,7 @@ impl Control {
         }
     }
 
-    /// What is answered at once.
+    /// The bytes that are answered at once.
     fn hears(&self, talk: &mut Talk, bytes: &[u8]) -> Vec<u8> {
         let (came, mut said) = (Instant::now(), Vec::new());
         for byte in bytes {
@@ -124,7 +124,7 @@ impl Control {
             return exchange.replies.clone();
         }
         if let (Some(_), Some(step)) = (talk.step, step) {
-            // The last answer was to the look before the step, the one before ended the other.
+            // The last answer was for the query before the step; the one before it ended the previous step.
             self.seen.lock().unwrap().between.push((step, came - talk.answered[0]));
         }
         (talk.step, talk.moving) = (step, Some((came + self.takes, exchange.replies.clone())));
@@ -132,7 +132,7 @@ impl Control {
     }
 }
 
-/// `taped`, which was idle, as it reads while the control is held or moves.
+/// `taped`, the report of an idle control, changed to that of a control that is held or moves.
 fn report(taped: &[u8], talk: &Talk) -> Vec<u8> {
     let state = match (talk.held, &talk.moving) {
         (true, _) => "<Hold:0",

@@ -20,14 +20,14 @@ pub(super) struct Balls {
 struct Ball {
     centre: Vector3<f64>,
     radius: f64,
-    /// The radius along the unit vector u is longer by uᵀ·form·u: an oval.
+    /// The form adds uᵀ·form·u to the radius along the unit vector u: an oval.
     form: Matrix3<f64>,
     stem: Option<Stem>,
-    /// From when on it stands off by how much.
+    /// Displacements of the centre, each with the time from which it holds, s.
     moves: Vec<(f64, Vector3<f64>)>,
 }
 
-/// A cylinder with flat ends, from the ball's centre.
+/// A cylinder with flat ends that begins at the ball's centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Stem {
     along: Vector3<f64>,
@@ -50,13 +50,13 @@ impl Balls {
         Ok(Self { balls })
     }
 
-    /// From `point` in the table frame at the time `t_s`. Of what lies inside several bodies the
-    /// deepest counts.
+    /// Nearest surface to `point` in the table frame at the time `t_s`. Inside several bodies, the deepest one
+    /// counts.
     pub fn nearest(&self, point: Vector3<f64>, t_s: f64) -> Nearest {
         let far = Nearest { distance: f64::INFINITY, normal: Vector3::z() };
         let place = |ball: &Ball| point - ball.shift(t_s);
         let at_least = |ball: &Ball| ball.at_least(place(ball));
-        // The one that seems nearest first: of most others no oval need be looked at then.
+        // The ball with the smallest lower bound comes first: most other balls then need no oval iteration.
         let first = self.balls.iter().min_by(|a, b| at_least(a).total_cmp(&at_least(b)));
         let best = first.map_or(far, |ball| ball.nearer(place(ball), far));
         self.balls.iter().fold(best, |best, ball| ball.nearer(place(ball), best))
@@ -102,12 +102,12 @@ impl Ball {
         self.moves.iter().filter(|(from, _)| *from <= t_s).map(|(_, by)| *by).sum()
     }
 
-    /// No point of the ball is nearer than this.
+    /// Lower bound of the distance between `point` and the ball.
     fn at_least(&self, point: Vector3<f64>) -> f64 {
         (point - self.centre).norm() - self.radius - 2.0 * self.form.abs().sum()
     }
 
-    /// The nearer one of `best` and this ball with its stem.
+    /// The nearer of `best` and the surface of this ball with its stem.
     fn nearer(&self, point: Vector3<f64>, best: Nearest) -> Nearest {
         let from_centre = point - self.centre;
         let mut best = best;
@@ -124,8 +124,8 @@ impl Ball {
         best
     }
 
-    /// The foot of the perpendicular: `point` = r(u)·u + distance·normal(u). Round, it is along the
-    /// point's own direction; for an oval of micrometres each round leaves a thousandth of the error.
+    /// Foot of the perpendicular: `point` = r(u)·u + distance·normal(u). On a round ball its direction u is that of
+    /// the point; for an oval of micrometres, each iteration leaves a thousandth of the error.
     fn nearest(&self, point: Vector3<f64>) -> Nearest {
         let mut direction = unit_vector(point).unwrap_or(Vector3::z());
         let mut nearest = Nearest { distance: point.norm() - self.radius, normal: direction };
@@ -151,7 +151,7 @@ impl Ball {
 }
 
 const ROUNDS: usize = 30;
-/// Squared angle below which the foot of a perpendicular does not move any more.
+/// Squared change of angle, rad², below which the foot of a perpendicular has converged.
 const SAME_DIRECTION: f64 = 1e-28;
 
 impl Stem {
@@ -173,9 +173,9 @@ impl Stem {
     }
 }
 
-/// What is certified is so: the balls stand as far apart as the certificate, its drawn error, its
-/// true temperature and what is wrong with it say. Both ends give way alike, in turns where balls
-/// share lengths.
+/// Moves the balls until their distances equal the certified lengths, plus the drawn error of the certificate,
+/// the true temperature and the declared faults. Both balls of a length move by the same amount; the corrections
+/// alternate where balls share lengths.
 fn hold_lengths(balls: &mut [Ball], stated: &artefact::Balls, truth: &Truth) {
     let places: BTreeMap<&str, usize> =
         stated.balls.iter().enumerate().map(|(i, ball)| (ball.id.as_str(), i)).collect();

@@ -1,4 +1,4 @@
-//! The beam of a displacement sensor, and what its electronics say.
+//! The beam of a displacement sensor, and the output of its electronics.
 
 use std::f64::consts::TAU;
 
@@ -11,12 +11,12 @@ use super::sight::{Hit, Sight};
 use machine::frame::unit_vector;
 use machine::record::sensor::Sensor;
 
-/// What a sensor says of one sample.
+/// Output of a sensor for one sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sensed {
-    /// From the zero point to the surface, mm.
+    /// Distance from the zero point to the surface, mm.
     Distance(f64),
-    /// No light came back: nothing there, or a surface too steep.
+    /// No light came back: there is no surface, or it is too steep.
     NoEcho,
     /// A distance outside of its range, mm.
     OutOfRange(f64),
@@ -24,15 +24,15 @@ pub enum Sensed {
     Saturated,
 }
 
-/// A sensor as it truly sits in the spindle, at S = 0 in the machine's directions.
+/// A sensor as it is truly mounted in the spindle, at S = 0, in the directions of the machine frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Beam {
     zero: Vector3<f64>,
     along: Vector3<f64>,
-    /// Unit vectors across its nominal direction, of `tilt_urad` and `lean_um`.
+    /// Unit vectors across the nominal direction, for `tilt_urad` and `lean_um`.
     across: [Vector3<f64>; 2],
     range: [f64; 2],
-    /// It sees nothing nearer or farther.
+    /// Smallest and largest distance at which the sensor detects a surface, mm.
     reach: [f64; 2],
     curve: Vec<Wave>,
     noise_mm: f64,
@@ -40,7 +40,7 @@ pub(super) struct Beam {
 }
 
 impl Beam {
-    /// `number`: of the sensor in the machine file; keys what is drawn.
+    /// `number`: index of the sensor in the machine file; it keys the random draws.
     pub fn new(
         nominal: &Sensor,
         truth: SensorTruth,
@@ -82,7 +82,7 @@ impl Beam {
         })
     }
 
-    /// `deviate`: what noise adds, in standard deviations.
+    /// Output for one sample. `deviate`: noise in standard deviations.
     pub fn says(&self, sight: &Sight<'_>, deviate: f64) -> Sensed {
         let Some(hit) = self.spot(sight) else { return Sensed::NoEcho };
         let facing = -hit.normal.dot(&self.along);
@@ -102,7 +102,7 @@ impl Beam {
         if within { Sensed::Distance(said) } else { Sensed::OutOfRange(said) }
     }
 
-    /// Mean distance over the light spot, and the normal in its middle.
+    /// Mean distance over the light spot, and the surface normal at the centre of the spot.
     fn spot(&self, sight: &Sight<'_>) -> Option<Hit> {
         let first = |from: Vector3<f64>| sight.first(self.zero + from, self.along, self.reach);
         let middle = first(Vector3::zeros())?;
@@ -113,7 +113,7 @@ impl Beam {
         let aside = self.truth.spot_mm / 8.0_f64.sqrt();
         let mut sum = 0.0;
         for across in self.across {
-            // Across the true beam: the mean over a slanted disc would be another one.
+            // Perpendicular to the true beam: the mean over a slanted disc differs.
             let step = across - self.along * self.along.dot(&across);
             let step = unit_vector(step).unwrap_or_default() * aside;
             sum += first(step)?.distance + first(-step)?.distance;
@@ -121,7 +121,7 @@ impl Beam {
         Some(Hit { distance: sum / 4.0, ..middle })
     }
 
-    /// What the characteristic curve has beyond a straight line, mm.
+    /// Deviation of the characteristic curve from a straight line, mm.
     fn curve_at(&self, distance: f64) -> f64 {
         let wave = |wave: &Wave| {
             let phase = TAU * distance / wave.period_mm + wave.phase_deg.to_radians();
@@ -130,17 +130,17 @@ impl Beam {
         self.curve.iter().map(wave).sum()
     }
 
-    /// What a surface that does not face the beam adds, mm.
+    /// Error from a surface that is not perpendicular to the beam, mm.
     fn slanted(&self, normal: Vector3<f64>, facing: f64) -> f64 {
         let tangent2 = (1.0 - facing * facing).max(0.0) / (facing * facing);
-        // Of the distance over a way across the beam.
+        // Slope of the distance along each direction across the beam.
         let slopes = self.across.map(|across| normal.dot(&across) / facing);
         let lean: f64 = slopes.iter().zip(self.truth.lean_um).map(|(slope, um)| slope * um).sum();
         (self.truth.incidence_um * tangent2 + lean) * 1e-3
     }
 }
 
-/// What is declared of surfaces that lean is drawn, unless something is said of it.
+/// Draws the declared incidence errors, unless the truth states values.
 fn slanting(truth: SensorTruth, nominal: &Sensor, seed: u64, number: usize) -> SensorTruth {
     if truth.incidence_um != 0.0 || truth.lean_um != [0.0; 2] {
         return truth;

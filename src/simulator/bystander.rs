@@ -1,5 +1,5 @@
-//! Somebody who stands beside the simulated machine: sees how it truly moves, deflects its stylus,
-//! and answers what a person is asked.
+//! A simulated operator at the simulated machine: observes its true motion, deflects its stylus and answers
+//! prompts.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -7,14 +7,14 @@ use super::{Speed, World};
 use machine::record::question::{Answer, AxisDirection, Jog, Question, Seen, Stylus};
 use machine::{Axis, Position};
 
-/// What moves less than this is not seen, mm or degrees.
+/// Smallest motion that the operator sees, mm or degrees.
 const VISIBLE: f64 = 0.05;
-/// A distance is judged by eye to a tenth.
+/// Resolution of a distance that the operator judges by eye, mm or degrees.
 const BY_EYE: f64 = 0.1;
 
 pub struct Bystander {
     world: Arc<Mutex<World>>,
-    /// Where the machine stood when a jog was allowed.
+    /// True position at which a jog was allowed.
     before: Position,
 }
 
@@ -48,14 +48,14 @@ impl Bystander {
         world.travel(&Position::new().with(axis, to), Speed::Rapid);
     }
 
-    /// The display has what the control itself believes.
+    /// Whether the display agrees with the position that the control reports.
     fn shows(&self, told: &Position) -> Answer {
         let shown = self.world().position();
         let differs = |(axis, at): (Axis, f64)| axis.to_edge(at - shown.at(axis)).abs() > VISIBLE;
         if told.iter().any(differs) { Answer::No } else { Answer::Yes }
     }
 
-    /// The direction that frees the stylus most; no, if nothing presses it but a finger.
+    /// The direction that frees the stylus most; `No` without contact, or if a finger deflects the stylus.
     fn leads_out(&self) -> Answer {
         let world = self.world();
         if world.deflected || !world.touches() {
@@ -88,7 +88,7 @@ impl Bystander {
     }
 
     fn world(&self) -> MutexGuard<'_, World> {
-        // The world is plain data: a panic elsewhere leaves it whole.
+        // The world is plain data: a panic elsewhere leaves it consistent.
         self.world.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

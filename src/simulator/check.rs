@@ -1,10 +1,10 @@
-//! Refuses a machine, a probe or a truth with numbers that no machine has.
+//! Rejects a machine, a probe or a truth with physically impossible numbers.
 
 use super::WorldError;
 use super::truth::Truth;
 use machine::record::machine::{Machine, Probe};
 
-/// Magnitudes and speeds that no machine has.
+/// Checks magnitudes and speeds against physical limits.
 pub(super) fn check(machine: &Machine, probe: &Probe, truth: &Truth) -> Result<(), WorldError> {
     let sound = |value: f64| value.is_finite() && value >= 0.0;
     let mut magnitudes = vec![

@@ -1,4 +1,4 @@
-//! The true datum cylinder on its indexing stage: one cylinder a section, each with a form of its own, and a
+//! The true datum cylinder on its indexing stage: one cylinder for each section, each with its own form, and a
 //! face that is not quite flat.
 
 use nalgebra::{Rotation3, Vector3};
@@ -12,18 +12,18 @@ use super::truth::Truth;
 use machine::frame::unit_vector;
 use machine::record::artefact::DatumCylinder;
 
-/// As it stands in the table frame.
+/// Pose of the artefact in the table frame.
 #[derive(Debug, Clone)]
 pub(super) struct Datum {
     stated: DatumCylinder,
-    /// Of the stated sections, in their order.
+    /// Profiles of the stated sections, in their order.
     profiles: Vec<Profile>,
     face_form: Vec<FormHarmonic>,
     foot: Vector3<f64>,
     tilt: [f64; 2],
     stage: StageTruth,
     seed: u64,
-    /// Mountings after the first.
+    /// Number of mountings after the first.
     mounted: u32,
     turn_deg: f64,
     standing: Standing,
@@ -33,7 +33,7 @@ pub(super) struct Datum {
 struct Standing {
     flanks: Vec<Flank>,
     foot: Vector3<f64>,
-    /// Columns: the artefact's own x, y and axis.
+    /// Columns: the x, y and axis directions of the artefact.
     frame: Rotation3<f64>,
 }
 
@@ -78,8 +78,8 @@ impl Datum {
         Ok(datum)
     }
 
-    /// A person has mounted it at this angle against the first mounting, counter-clockwise seen from its tip.
-    /// Nothing happens if it stands there.
+    /// Mounts the artefact at this angle against the first mounting, counter-clockwise seen from its tip. Does
+    /// nothing if it is already at this angle.
     pub fn mount(&mut self, turn_deg: f64) {
         if turn_deg == self.turn_deg {
             return;
@@ -110,7 +110,8 @@ impl Datum {
         Standing { flanks, foot, frame }
     }
 
-    /// Heights between the sections, from the foot to the end; sections are stated in rising order.
+    /// Heights of the boundaries between sections, from the foot to the end; sections are stated in rising
+    /// order.
     fn bounds(&self) -> Vec<f64> {
         let sections = &self.stated.sections;
         let middle = sections.windows(2).map(|pair| (pair[0].z_mm + pair[1].z_mm) / 2.0);
@@ -119,7 +120,7 @@ impl Datum {
         std::iter::once(0.0).chain(middle).chain([end]).collect()
     }
 
-    /// From `point` in the table frame; the radius grown by `growth`.
+    /// Nearest surface to `point` in the table frame; `growth` is added to the radius.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> Nearest {
         let far = Nearest { distance: f64::INFINITY, normal: Vector3::z() };
         let Standing { flanks, foot, frame } = &self.standing;
@@ -132,7 +133,7 @@ impl Datum {
         };
         let mut nearest = flanks.iter().fold(far, nearer);
         let own = frame.inverse() * (point - foot);
-        // Of the face: micrometres against millimetres, so that its slope changes no distance.
+        // The form of the face is micrometres over millimetres, so that its slope does not change the distance.
         if nearest.normal.dot(&(*frame * Vector3::z())) > 0.5 {
             let angle = own.y.atan2(own.x);
             nearest.distance -=
@@ -142,9 +143,9 @@ impl Datum {
     }
 }
 
-/// Key of the face among the sections.
+/// Key of the face among the sections, for the random draws.
 const FACE: u64 = u64::MAX;
-/// A cylinder without a face ends so far above its last section, mm.
+/// Height of the end above the last section of a cylinder without a face, mm.
 const END_MM: f64 = 20.0;
 
 fn height_mm(form: &FormHarmonic, angle: f64) -> f64 {

@@ -1,4 +1,4 @@
-//! A datum cylinder and its indexing stage as they truly are.
+//! True errors of a datum cylinder and of its indexing stage.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,7 +10,7 @@ use super::flank::FormHarmonic;
 pub struct DatumTruth {
     /// Standard deviation of the form of each section and of the face, drawn from the seed: harmonics 2 to 20.
     pub form_um: f64,
-    /// What is known of single sections, beside what is drawn and the `form` of all.
+    /// Stated form of single sections, in addition to the drawn form and to the `form` of all sections.
     pub section_form: Vec<SectionForm>,
     /// Height of the face over the angle about the axis.
     pub face_form: Vec<FormHarmonic>,
@@ -30,22 +30,22 @@ pub struct SectionForm {
     pub sin_um: f64,
 }
 
-/// `[simulated.stage]`: the indexing stage between table and artefact. Standard deviations of what each new
-/// mounting draws from the seed.
+/// `[simulated.stage]`: the indexing stage between table and artefact. Standard deviations of the errors that
+/// each new mounting draws from the seed.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StageTruth {
-    /// Of the angle.
+    /// Standard deviation of the angle.
     pub index_error_urad: f64,
-    /// Of the artefact's place along X and along Y.
+    /// Standard deviation of the artefact's position along X and along Y.
     pub eccentricity_um: f64,
-    /// Of its lean towards X and towards Y.
+    /// Standard deviation of its tilt towards X and towards Y.
     pub tilt_urad: f64,
     /// Mountings at a wrong angle.
     pub faults: Vec<IndexFault>,
 }
 
-/// The mounting of this number, from 1 on, is off by an angle.
+/// Angle error of the mounting with this number, counted from 1.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct IndexFault {

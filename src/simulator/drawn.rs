@@ -1,5 +1,5 @@
-//! Sources that the machine file declares by magnitude only, drawn from the seed: each source has
-//! a stream of its own, so that one may change without disturbing the others.
+//! Errors that the machine file declares by magnitude only, drawn from the seed. Each source has its own random
+//! stream, so that a change of one source does not change the others.
 use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
@@ -49,7 +49,7 @@ pub(super) fn touch_deviate(seed: u64, n: u32, occurrence: u32) -> f64 {
     first_normal(seed, Source::Repeatability, &[u64::from(n), u64::from(occurrence)])
 }
 
-/// Where in the scan of a PLC the contact of one touch falls, 0 to 1.
+/// Phase, 0 to 1, of the PLC scan at which the contact of one touch occurs.
 pub(super) fn scan_share(seed: u64, n: u32, occurrence: u32) -> f64 {
     random::stream(seed, &[Source::Scan as u64, u64::from(n), u64::from(occurrence)]).random()
 }
@@ -59,18 +59,18 @@ pub(super) fn sample_deviate(seed: u64, sensor: usize, sample: u64) -> f64 {
     first_normal(seed, Source::Sample, &[sensor as u64, sample])
 }
 
-/// What a thermometer says beyond how warm it is, in standard deviations.
+/// Error of a thermometer reading, in standard deviations.
 pub(super) fn thermometer_deviate(seed: u64, thermometer: usize, second: u64) -> f64 {
     first_normal(seed, Source::Thermometer, &[thermometer as u64, second])
 }
 
-/// How late it comes, in standard deviations.
+/// Delay of one sample, in standard deviations.
 pub(super) fn sample_tick(seed: u64, sensor: usize, sample: u64) -> f64 {
     first_normal(seed, Source::Tick, &[sensor as u64, sample])
 }
 
-/// Two to six waves over the range `span_mm` of a displacement sensor, together of standard deviation
-/// `sigma_um` at every distance: fewer would be an error of its gain.
+/// Two to six waves over the range `span_mm` of a displacement sensor, with a total standard deviation
+/// `sigma_um` at every distance. A lower order would be a gain error.
 pub(super) fn linearity(seed: u64, sensor: usize, sigma_um: f64, span_mm: f64) -> Vec<Wave> {
     const ORDERS: std::ops::RangeInclusive<u32> = 2..=6;
     if sigma_um == 0.0 {
@@ -91,13 +91,13 @@ pub(super) fn backlash(seed: u64, axis: u64) -> f64 {
     first_normal(seed, Source::Backlash, &[axis]).abs()
 }
 
-/// True minus stated stylus centre, spindle frame; as long as the sigma given.
+/// True minus stated stylus centre, spindle frame, in the unit of `sigma`.
 pub(super) fn stylus_offset(seed: u64, sigma: f64) -> Vector3<f64> {
     let draw = |axis| sigma * first_normal(seed, Source::Stylus, &[axis]);
     Vector3::new(draw(0), draw(1), 0.0)
 }
 
-/// Harmonics 16 to 64 of the artefact's form, together of standard deviation `sigma_um`.
+/// Harmonics 16 to 64 of the artefact's form, with a total standard deviation `sigma_um`.
 pub(super) fn roughness(seed: u64, sigma_um: f64) -> Vec<FormHarmonic> {
     const ORDERS: std::ops::RangeInclusive<u32> = 16..=64;
     if sigma_um == 0.0 {
@@ -108,7 +108,7 @@ pub(super) fn roughness(seed: u64, sigma_um: f64) -> Vec<FormHarmonic> {
     ORDERS.map(|n| FormHarmonic { n, cos_um: draw(n, 0), sin_um: draw(n, 1) }).collect()
 }
 
-/// Harmonics 2 to 20 of one section of a datum cylinder, together of standard deviation `sigma_um`.
+/// Harmonics 2 to 20 of one section of a datum cylinder, with a total standard deviation `sigma_um`.
 pub(super) fn section_form(seed: u64, section: u64, sigma_um: f64) -> Vec<FormHarmonic> {
     const ORDERS: std::ops::RangeInclusive<u32> = 2..=20;
     if sigma_um == 0.0 {
@@ -120,25 +120,25 @@ pub(super) fn section_form(seed: u64, section: u64, sigma_um: f64) -> Vec<FormHa
     ORDERS.map(|n| FormHarmonic { n, cos_um: draw(n, 0), sin_um: draw(n, 1) }).collect()
 }
 
-/// What sets one mounting of an artefact apart, in standard deviations.
+/// Error of one mounting of an artefact, in standard deviations.
 pub(super) fn mounting(seed: u64, number: u32, part: u64) -> f64 {
     first_normal(seed, Source::Mounting, &[u64::from(number), part])
 }
 
-/// What sets one ball of an artefact apart from the stated one, in standard deviations.
+/// Deviations of one ball from the stated ball, in standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct BallDraw {
-    /// Each coordinate.
+    /// Deviation of each coordinate of the centre.
     pub centre: Vector3<f64>,
     pub diameter: f64,
-    /// Symmetric and without trace: uᵀ·oval·u has mean 0 and, over balls, variance 1 for every u.
+    /// Symmetric and without trace: uᵀ·oval·u has mean 0 and, over all balls, variance 1 for every u.
     pub oval: Matrix3<f64>,
 }
 
 pub(super) fn ball(seed: u64, index: usize) -> BallDraw {
     let draw = |part| first_normal(seed, Source::Ball, &[index as u64, part]);
-    // uᵀSu of S with variance 1 on and 1/2 off the diagonal has variance 1; a third of the trace less
-    // leaves 2/3 of it.
+    // For S with variance 1 on and 1/2 off the diagonal, uᵀSu has variance 1; removing a third of the trace
+    // leaves 2/3.
     let full = Matrix3::from_diagonal(&Vector3::new(draw(4), draw(5), draw(6)))
         + off_diagonal([draw(7), draw(8), draw(9)]) * 0.5_f64.sqrt();
     let oval = (full - Matrix3::from_diagonal_element(full.trace() / 3.0)) * 1.5_f64.sqrt();
@@ -149,7 +149,7 @@ fn off_diagonal([xy, xz, yz]: [f64; 3]) -> Matrix3<f64> {
     Matrix3::from([[0.0, xy, xz], [xy, 0.0, yz], [xz, yz, 0.0]])
 }
 
-/// What sets one certified length apart from its certificate, in standard deviations.
+/// Deviations of one certified length from its certificate, in standard deviations.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct LengthDraw {
     pub certificate: f64,
@@ -161,12 +161,12 @@ pub(super) fn length(seed: u64, number: usize) -> LengthDraw {
     LengthDraw { certificate: draw(0), temperature: draw(1) }
 }
 
-/// Of the whole artefact, in standard uncertainties.
+/// Temperature error of the whole artefact, in standard uncertainties.
 pub(super) fn artefact_temperature(seed: u64) -> f64 {
     first_normal(seed, Source::ArtefactTemperature, &[])
 }
 
-/// Pre-travel of the probe over the direction of the contact normal, spindle frame.
+/// Pre-travel of the probe as a function of the direction of the contact normal, spindle frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Lobing {
     /// (harmonic, cosine, sine), mm.
@@ -174,7 +174,8 @@ pub(super) struct Lobing {
 }
 
 impl Lobing {
-    /// Harmonics as declared, or 2 to 6: the first is a stylus offset, the zeroth belongs to the ball's radius.
+    /// Draws the declared harmonics, or 2 to 6: the first is a stylus offset, the zeroth is part of the ball's
+    /// radius.
     pub fn draw(seed: u64, sigma_mm: f64, declared: &[u32]) -> Self {
         let orders = if declared.is_empty() { &[2, 3, 4, 5, 6] } else { declared };
         let each = sigma_mm / (orders.len() as f64).sqrt();
@@ -182,8 +183,8 @@ impl Lobing {
         Self { terms: orders.iter().map(|n| (f64::from(*n), draw(*n, 0), draw(*n, 1))).collect() }
     }
 
-    /// Pre-travel, mm, for the unit contact normal `n` in the spindle frame. It fades towards the
-    /// pole of the stylus, where the direction has no meaning.
+    /// Pre-travel, mm, for the unit contact normal `n` in the spindle frame. It falls to zero towards the axis
+    /// of the stylus, where the azimuth is undefined.
     pub fn at(&self, n: Vector3<f64>) -> f64 {
         let (level, phi) = (n.x.hypot(n.y), n.y.atan2(n.x));
         let sum: f64 =
@@ -192,8 +193,8 @@ impl Lobing {
     }
 }
 
-/// What a surface that leans adds, um: as the squared tangent of its lean, and along two directions
-/// across as the tangent.
+/// Error from a tilted surface, um: one term with the squared tangent of the tilt, and one term with the
+/// tangent along each of the two directions across the beam.
 pub(super) fn incidence(seed: u64, sensor: usize, sigma_um: f64) -> (f64, [f64; 2]) {
     let draw = |part| sigma_um * first_normal(seed, Source::Incidence, &[sensor as u64, part]);
     (draw(0), [draw(1), draw(2)])
@@ -204,27 +205,27 @@ pub(super) fn rotary_motion(seed: u64, key: [u64; 4]) -> f64 {
     first_normal(seed, Source::RotaryMotion, &key)
 }
 
-/// The same of a `[[simulated.rotary_motion]]`.
+/// Coefficients of a `[[simulated.rotary_motion]]`, with the same key.
 pub(super) fn declared_motion(seed: u64, key: [u64; 4]) -> f64 {
     first_normal(seed, Source::DeclaredMotion, &key)
 }
 
-/// The same of its part that does not repeat.
+/// Coefficients of the part of a `[[simulated.rotary_motion]]` that does not repeat, with the same key.
 pub(super) fn asynchronous_motion(seed: u64, key: [u64; 4]) -> f64 {
     first_normal(seed, Source::Asynchronous, &key)
 }
 
-/// Slow thermal motion of the table against the spindle, and growth of the artefact.
+/// Slow thermal motion of the table against the spindle, and thermal growth of the artefact.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Drift {
     table_mm_per_s: Vector3<f64>,
     radius_mm_per_s: f64,
 }
 
-/// A machine that warms up needs so long, s.
+/// Time constant of the warm-up of the machine, s.
 const TIME_CONSTANT_S: f64 = 7200.0;
 
-/// The share of the way to its new balance that it has come by `t_s`.
+/// Share of the change to thermal equilibrium that is complete at `t_s`.
 pub(super) fn settled(t_s: f64) -> f64 {
     1.0 - (-t_s / TIME_CONSTANT_S).exp()
 }
@@ -247,7 +248,7 @@ impl Drift {
         self.radius_mm_per_s * Self::effective_s(t_s)
     }
 
-    /// The first rate holds at the start, then the machine comes to a new balance.
+    /// Time for which the initial rate gives the same change, s: the machine approaches thermal equilibrium.
     fn effective_s(t_s: f64) -> f64 {
         TIME_CONSTANT_S * settled(t_s)
     }

@@ -1,9 +1,9 @@
-//! Why a world cannot be built.
+//! Errors of building a world.
 
 use machine::Axis;
 use machine::kinematics::{KinematicsError, ParameterError};
 
-/// A world that cannot be built, and what to change.
+/// The reason why a world cannot be built, and what to change.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum WorldError {
     #[error(transparent)]

@@ -1,8 +1,8 @@
-//! A bad wire between two byte streams: delays, drops, doubles, flips, splits, stalls and cuts, as a
-//! seed says. A tool to test with; it knows no device.
+//! A bad wire between two byte streams: delays, drops, doubles, flips, splits, stalls and cuts, drawn from a
+//! seed. A test tool that is independent of the device.
 //!
-//! What goes wrong where is a pure function of the seed ([`BadWire::schedule`]). Only how many bytes
-//! a peer happens to say between two places depends on the host.
+//! The faults and their places are a pure function of the seed ([`BadWire::schedule`]). Only the number of
+//! bytes that a peer sends between two places depends on the host.
 
 use std::io;
 use std::iter::Peekable;
@@ -14,7 +14,7 @@ use tokio::time::{Instant, sleep};
 
 use estimation::random::stream;
 
-/// The farthest byte of a line at which harm begins; in a shorter line it is the line's end.
+/// Last byte of a line at which a fault may begin; in a shorter line the fault is at the line's end.
 const FARTHEST: u64 = 40;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -25,26 +25,26 @@ pub enum Direction {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Harm {
-    /// Nothing passes for a while; nothing is lost.
+    /// Transmission stops for a while; nothing is lost.
     Delay(Duration),
-    /// As `Delay`, in the middle of a line, and short.
+    /// As `Delay`, but short and in the middle of a line.
     Split(Duration),
     DropByte,
-    /// From here to the end of the line.
+    /// All bytes from here to the end of the line are dropped.
     DropLine,
     DoubleByte,
-    /// The part of the line from here on comes twice.
+    /// The part of the line from here on is sent twice.
     DoubleLine,
     Flip {
         bit: u8,
     },
-    /// Nothing passes any more, though the stream stays open.
+    /// Nothing is transmitted any more, though the stream stays open.
     Stall,
     /// Both streams are closed.
     Cut,
 }
 
-/// One harm and its place: lines and bytes in a line count from 0.
+/// One fault and its place; lines, and bytes in a line, count from 0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Planned {
     pub direction: Direction,
@@ -53,28 +53,28 @@ pub struct Planned {
     pub harm: Harm,
 }
 
-/// A bad wire's character.
+/// Parameters of a bad wire.
 #[derive(Debug, Clone, Copy)]
 pub struct BadWire {
     pub seed: u64,
-    /// Lines between two harms, on average, in each direction.
+    /// Mean number of lines between two faults in each direction.
     pub spacing: f64,
     pub longest_delay: Duration,
 }
 
 impl BadWire {
-    /// A few harms in a run of sixty touches; some delays are longer than any patience.
+    /// A few faults in a run of sixty touches; some delays exceed every timeout.
     pub fn to_rehearse(seed: u64) -> Self {
         Self { seed, spacing: 300.0, longest_delay: Duration::from_secs(4) }
     }
 
-    /// All that will go wrong in one direction, in order; it never ends.
+    /// All faults of one direction, in order; the iterator is infinite.
     pub fn schedule(&self, direction: Direction) -> impl Iterator<Item = Planned> + use<> {
         let wire = *self;
         let mut line: u64 = 0;
         (0..).map(move |count: u64| {
             let mut draw = stream(wire.seed, &[direction as u64, count]);
-            // Exponential gaps: harm comes as chance does, two in neighbouring lines at times.
+            // Exponential gaps: faults are random events, and neighbouring lines may both have one.
             let gap = -(1.0 - draw.random::<f64>()).ln() * wire.spacing;
             line = u64::saturating_add(line, 1).saturating_add(gap as u64);
             let byte = draw.random_range(0..FARTHEST);
@@ -94,11 +94,11 @@ impl BadWire {
         })
     }
 
-    /// Join `near` (who drives) to `device` until one of them ends, or the wire is cut. `tell` hears
-    /// of every harm as it is done, and of the time since the beginning.
+    /// Joins `near` (the driver's side) to `device` until one of them ends or the wire is cut. `tell` is called
+    /// with every fault as it occurs, and the time since the beginning.
     ///
     /// # Errors
-    /// What the streams report.
+    /// One of the streams fails.
     pub async fn join(
         &self,
         near: impl AsyncRead + AsyncWrite,
@@ -111,7 +111,7 @@ impl BadWire {
         let (device_out, device_in) = tokio::io::split(device);
         let to_device = Side::new(self.schedule(Direction::ToDevice), tell);
         let from_device = Side::new(self.schedule(Direction::FromDevice), tell);
-        // Whichever ends first ends the other: then nobody is left to read what it loses.
+        // The end of one direction ends the other: nothing reads what it would still transmit.
         tokio::select! {
             ended = to_device.carry(near_out, device_in) => ended,
             ended = from_device.carry(device_out, near_in) => ended,
@@ -119,15 +119,15 @@ impl BadWire {
     }
 }
 
-/// One direction.
+/// One direction of the wire.
 struct Side<'t, P: Iterator<Item = Planned>> {
     planned: Peekable<P>,
     tell: &'t (dyn Fn(Planned) + Sync),
     line: u64,
     byte: u64,
-    /// The rest of this line is lost.
+    /// Whether the rest of this line is dropped.
     dropping: bool,
-    /// The rest of this line comes twice.
+    /// The rest of this line, which is sent twice.
     copy: Option<Vec<u8>>,
 }
 
@@ -169,7 +169,7 @@ impl<'t, P: Iterator<Item = Planned>> Side<'t, P> {
         }
     }
 
-    /// What happens at this byte.
+    /// Fault that occurs at this byte.
     fn due(&mut self, byte: u8) -> Option<Harm> {
         let ends = byte == b'\n';
         let (line, at) = (self.line, self.byte);
@@ -213,7 +213,7 @@ mod tests {
         BadWire { seed, spacing: 5.0, longest_delay: Duration::from_millis(1) }
     }
 
-    /// `text` through one harm.
+    /// `text` after one fault.
     fn harmed(text: &str, line: u64, byte: u64, harm: Harm) -> String {
         let direction = Direction::ToDevice;
         let told = |_| {};
@@ -238,7 +238,7 @@ mod tests {
         assert_eq!(at(Harm::Stall), "G0 X1\nG1 ");
         assert_eq!(at(Harm::Delay(Duration::ZERO)), text);
         assert_eq!(at(Harm::Split(Duration::ZERO)), text);
-        // A line that is too short is harmed at its end.
+        // In a line that is too short the fault is at its end.
         assert_eq!(harmed(text, 0, 30, Harm::DropByte), "G0 X1G1 Y2\nok\n");
     }
 

@@ -1,4 +1,4 @@
-//! The true artefact: a prism over a closed, star-shaped, not quite round profile.
+//! The true artefact: a prism over a closed, star-shaped profile that is not quite round.
 
 use std::f64::consts::PI;
 
@@ -18,42 +18,43 @@ pub struct FormHarmonic {
     pub sin_um: f64,
 }
 
-/// The solid, standing in the table frame.
+/// The solid, in the table frame.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Flank {
     foot: Vector3<f64>,
-    /// Columns: the artefact's own x, y and axis.
+    /// Columns: the x, y and axis directions of the artefact.
     frame: Rotation3<f64>,
     height: f64,
     profile: Profile,
 }
 
 impl Flank {
-    /// `axis` must not be zero. The artefact's own x is the table's X, turned the shortest way.
+    /// `axis` must not be zero. The x direction of the artefact is the table's X, rotated by the shortest
+    /// rotation that takes Z to `axis`.
     pub fn new(foot: Vector3<f64>, axis: Vector3<f64>, height: f64, profile: Profile) -> Self {
         let upside_down = || Rotation3::from_axis_angle(&Vector3::y_axis(), PI);
         let frame = Rotation3::rotation_between(&Vector3::z(), &axis).unwrap_or_else(upside_down);
         Self { foot, frame, height, profile }
     }
 
-    /// Turned about its own axis, rad.
+    /// The solid turned about its own axis, rad.
     pub fn turned(self, angle: f64) -> Self {
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
         Self { frame: self.frame * turn, ..self }
     }
 
-    /// Columns: the artefact's own x, y and axis.
+    /// Columns: the x, y and axis directions of the artefact.
     pub fn frame(&self) -> &Rotation3<f64> {
         &self.frame
     }
 
-    /// No point of it is nearer than this to `point`.
+    /// Lower bound of the distance between `point` and the solid.
     pub fn at_least(&self, point: Vector3<f64>) -> f64 {
         let own = self.frame.inverse() * (point - self.foot);
         (own.z - self.height / 2.0).abs() - self.height / 2.0
     }
 
-    /// From `point` in the table frame, the radius grown by `growth`.
+    /// Nearest surface to `point` in the table frame; `growth` is added to the radius.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64) -> Nearest {
         let own = self.frame.inverse() * (point - self.foot);
         let (across, outward) = self.profile.nearest(own.xy(), growth);
@@ -77,7 +78,7 @@ pub(super) struct Profile {
     radius: f64,
     /// (order, cosine, sine), mm.
     terms: Vec<(f64, f64, f64)>,
-    /// The radius lies within ± this of the mean.
+    /// Largest deviation of the radius from its mean, mm.
     amplitude: f64,
 }
 
@@ -89,7 +90,7 @@ impl Profile {
         Self { radius, terms, amplitude }
     }
 
-    /// Smallest radius; a profile is sound only if it is positive.
+    /// Smallest radius; a profile is valid only if it is positive.
     pub fn smallest_radius(&self) -> f64 {
         self.radius - self.amplitude
     }
@@ -117,8 +118,8 @@ impl Profile {
         (side * gap.norm(), normal)
     }
 
-    /// Angle of the profile's nearest point. Only a window about the point's own angle can hold it;
-    /// the best of its samples starts Newton's iteration.
+    /// Angle of the profile's nearest point. It lies in a window about the angle of `point`; the best sample of
+    /// the window starts Newton's iteration.
     fn foot(&self, rho: f64, angle: f64, growth: f64) -> f64 {
         let distance2 = |psi: f64| {
             let r = self.radius(psi)[0] + growth;
@@ -134,15 +135,15 @@ impl Profile {
         self.newton(rho, angle, growth, best)
     }
 
-    /// Half-width of the window: a point of the profile farther round than this is farther away
-    /// than the one at the same angle, which is `straight` away.
+    /// Half-width of the window, rad. A profile point outside of it is farther away than the profile point at
+    /// the same angle, whose distance is `straight`.
     fn window(&self, rho: f64, straight: f64, growth: f64) -> f64 {
         let chord = 4.0 * rho * (self.smallest_radius() + growth);
         let sine2 = 4.0 * self.amplitude * straight / chord;
         if sine2 < 1.0 { 2.0 * sine2.sqrt().asin() } else { PI }
     }
 
-    /// Newton on the derivative of half the squared distance.
+    /// Newton's iteration on the derivative of half the squared distance.
     fn newton(&self, rho: f64, angle: f64, growth: f64, start: f64) -> f64 {
         let mut psi = start;
         for _ in 0..30 {

@@ -1,9 +1,10 @@
-//! The simulated machine: its truth, and the controls and sensors that work on it. One machine with all its errors, one probe, one artefact; exact
-//! and nonlinear, and built without any estimator's equation. Time passes only by motion and dwell.
+//! The simulated machine: its true errors, and the simulated controls and sensors that act on it. One machine
+//! with all its errors, one probe, one artefact; exact, nonlinear and independent of the estimators' equations.
+//! Simulated time advances only by motion and dwell.
 //!
-//! Directions: error motions of X, Y and Z, and drift, shift tool against table along the machine's
-//! axes. Pre-travel and its scatter act along the contact normal: the probe triggers where the
-//! gap between ball and surface, plus both, falls to zero.
+//! Directions: error motions of X, Y and Z, and drift, shift the tool against the table along the machine axes.
+//! Pre-travel and its scatter act along the contact normal: the probe triggers where the sum of pre-travel, scatter
+//! and the gap between ball and surface falls to zero.
 
 #![cfg_attr(not(test), warn(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -62,34 +63,34 @@ use trail::Trail;
 use warmth::Warmth;
 use wiring::Wired;
 
-/// What became of an unguarded move.
+/// Result of an unguarded move.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Travel {
-    /// The probe closed on the way, or reads closed at the end.
+    /// The probe closed during the move, or reads closed at its end.
     pub touched: bool,
-    /// The stylus was pressed beyond its overtravel.
+    /// The stylus was deflected beyond its overtravel.
     pub crashed: bool,
     pub duration_s: f64,
 }
 
-/// What became of a probing move.
+/// Result of a probing move.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Probed {
-    /// `None`: the end was reached without contact.
+    /// `None`: the move reached its target without contact.
     pub contact: Option<Contact>,
-    /// Braking pressed the stylus beyond its overtravel.
+    /// Braking deflected the stylus beyond its overtravel.
     pub crashed: bool,
     pub duration_s: f64,
 }
 
 #[derive(Debug, Clone, PartialEq)]
 pub struct Contact {
-    /// Displayed axis positions when the control kept them.
+    /// Displayed axis positions when the control latched them.
     pub position: Position,
     pub t_s: f64,
 }
 
-/// The one owner of simulated time, axis positions and the state of the probe.
+/// The only owner of simulated time, axis positions and the state of the probe.
 #[derive(Debug, Clone)]
 pub struct World {
     scene: Scene,
@@ -103,27 +104,27 @@ pub struct World {
     command: Position,
     play: Play,
     wired: Wired,
-    /// Scatter of the touch in hand (of the last one between touches), mm.
+    /// Scatter of the current touch (of the last one between touches), mm.
     scatter_mm: f64,
-    /// By a person's hand.
+    /// Whether a person deflects the stylus by hand.
     deflected: bool,
-    /// Something else sits in the spindle.
+    /// Whether the probe is not in the spindle.
     probe_away: bool,
-    /// How often each N word has probed.
+    /// Number of probing moves for each N word.
     probed: BTreeMap<u32, u32>,
     sensor_truths: Vec<SensorTruth>,
     eyes: Vec<Eye>,
-    /// Kept where there is somebody to look.
+    /// Past motion, recorded only if there are sensors.
     trail: Trail,
     warmths: Vec<Warmth>,
 }
 
 impl World {
-    /// All axes at zero, save Z at its upper limit; time zero.
+    /// Creates a world with all axes at zero, except Z at its upper limit, at time zero.
     ///
     /// # Errors
-    /// A topology or an error symbol that cannot be read, an error of an axis that the machine
-    /// lacks, a wrong unit, an impossible artefact, a negative magnitude.
+    /// A topology or an error symbol cannot be parsed, an error refers to an axis that the machine lacks, a
+    /// unit is wrong, the artefact is impossible, or a magnitude is negative.
     pub fn new(
         machine: &Machine,
         probe: &Probe,
@@ -156,8 +157,8 @@ impl World {
         })
     }
 
-    /// The same world later: `seconds` have passed, and these N words were probed under meanwhile,
-    /// so that the next touches scatter anew.
+    /// Advances the world by `seconds`, and counts a probing move for each of these N words, so that the next
+    /// touches have new scatter.
     pub fn pass(&mut self, seconds: f64, probed: impl IntoIterator<Item = u32>) {
         self.dwell(seconds);
         for n in probed {
@@ -166,17 +167,17 @@ impl World {
         self.eyes.iter_mut().for_each(|eye| eye.pass(self.t_s));
     }
 
-    /// Simulated time since the world was made.
+    /// Simulated time since the world was created.
     pub fn time_s(&self) -> f64 {
         self.t_s
     }
 
-    /// Axis positions as the control displays them: linear axes in whole steps.
+    /// Axis positions as displayed by the control: linear axes in whole steps.
     pub fn position(&self) -> Position {
         self.displayed(&self.command)
     }
 
-    /// Whether the probe reads closed now.
+    /// Whether the probe input reads closed now.
     pub fn tripped(&self) -> bool {
         self.wired.shows(self.touches())
     }
@@ -189,24 +190,23 @@ impl World {
         !self.probe_away && self.margin_here() + self.scatter_mm <= 0.0
     }
 
-    /// How far the stylus is from triggering where the axes truly are, mm; negative in contact.
+    /// Distance of the stylus from the trigger point at the true axis positions, mm; negative in contact.
     fn margin_here(&self) -> f64 {
         let command = self.wired.truly(self.command.clone());
         self.scene.margin(&self.true_axes(), &command, self.t_s)
     }
 
-    /// Where the axes truly stand.
+    /// True axis positions.
     fn true_axes(&self) -> Position {
         self.wired.truly(self.play.follow(&self.command))
     }
 
-    /// Somebody takes the probe out of the spindle, or puts it back: without it nothing is touched, and
-    /// nothing of it breaks.
+    /// Removes the probe from the spindle, or puts it back. Without it there is no contact and no damage.
     pub fn without_probe(&mut self, away: bool) {
         self.probe_away = away;
     }
 
-    /// A person mounts the artefact anew on its indexing stage, turned by this against its first mounting,
+    /// Mounts the artefact again on its indexing stage, turned by this angle against its first mounting,
     /// counter-clockwise seen from its tip.
     pub fn mount(&mut self, turn_deg: f64) {
         self.scene.mount(turn_deg);
@@ -218,12 +218,12 @@ impl World {
         self.scene.rotary_motion(axis, component, angle)
     }
 
-    /// Somebody deflects the stylus by hand, or lets it go.
+    /// Deflects the stylus by hand, or releases it.
     pub fn deflect(&mut self, deflected: bool) {
         self.deflected = deflected;
     }
 
-    /// Straight, unguarded move of the axes named in `to`; nothing stops it. Axes that the machine
+    /// Makes a straight, unguarded move of the axes named in `to`; no contact stops it. Axes that the machine
     /// lacks do not move.
     pub fn travel(&mut self, to: &Position, speed: Speed) -> Travel {
         let Some(path) = self.path(to, speed) else {
@@ -237,14 +237,14 @@ impl World {
         Travel { touched, crashed, duration_s }
     }
 
-    /// From now on contacts are noticed as late as this.
+    /// Sets the delay with which contacts are latched from now on.
     pub fn latch_by(&mut self, latch: Latch) {
         self.latch = latch;
     }
 
-    /// Move until the probe triggers and somebody notices, then brake. `n` is the N word of the line: with the number of
-    /// probings under the same word it keys the scatter, whatever the order of the touches. With
-    /// the probe closed at the start, contact is reported there.
+    /// Moves until the probe triggers and the contact is latched, then brakes. `n` is the N word of the line:
+    /// together with the number of probing moves under this word it keys the scatter, so that the order of the
+    /// touches does not matter. With the probe closed at the start, contact is reported there.
     pub fn probe(&mut self, to: &Position, feed_mm_min: f64, n: u32) -> Probed {
         let occurrence = self.probed.entry(n).or_default();
         self.scatter_mm = self.repeatability_mm * drawn::touch_deviate(self.seed, n, *occurrence);
@@ -268,7 +268,7 @@ impl World {
         }
     }
 
-    /// Turn the spindle to `s` rad at its rapid speed.
+    /// Turns the spindle to `s` rad at its rapid speed.
     pub fn orient(&mut self, s: f64) {
         self.travel(&Position::new().with(Axis::S, s), Speed::Rapid);
     }
@@ -277,20 +277,19 @@ impl World {
         self.t_s += seconds.max(0.0);
     }
 
-    /// For tests alone: where the rotary axis truly stands in the two directions across it (C: X,
-    /// Y; A: Y, Z; B: Z, X), machine frame, at `height_mm` along it and at time `t_s`; location
-    /// errors, gains and drift included, error motions (of mean zero) not. NaN for an axis that
-    /// does not carry the artefact.
+    /// For tests alone: true position of the rotary axis in the two directions across it (C: X, Y; A: Y, Z; B:
+    /// Z, X), machine frame, at `height_mm` along it and at time `t_s`; includes location errors, gains and drift,
+    /// but not the error motions (of mean zero). NaN for an axis that does not carry the artefact.
     pub fn true_axis_mm(&self, axis: Axis, height_mm: f64, t_s: f64) -> [f64; 2] {
         self.scene.axis_position(axis, height_mm, t_s)
     }
 
-    /// For tests alone: how far the table has crept by `t_s`, machine frame, mm.
+    /// For tests alone: displacement of the table by drift at `t_s`, machine frame, mm.
     pub fn true_drift_mm(&self, t_s: f64) -> [f64; 3] {
         self.scene.drift_at(t_s).into()
     }
 
-    /// For tests alone: the stylus-ball centre from the spindle datum, mm.
+    /// For tests alone: stylus-ball centre relative to the spindle datum, mm.
     pub fn true_stylus_mm(&self) -> [f64; 3] {
         self.scene.stylus().into()
     }
@@ -304,14 +303,14 @@ impl World {
         Probed { contact: Some(contact), crashed, duration_s }
     }
 
-    /// Whether the probe closes on the way; a move that starts pressed must come free first.
+    /// Whether the probe closes during the move; a move that starts in contact must lose it first.
     fn closes(&self, path: &Path) -> bool {
         let margin = |fraction| self.margin(path, fraction);
         let steepest = path.steepest();
         let open = if margin(0.0) > 0.0 {
             Some(0.0)
         } else {
-            // A hair beyond the opening, where the input is safely open.
+            // Slightly beyond the opening, where the input is safely open.
             first_crossing(|fraction| -margin(fraction), steepest, 0.0)
                 .map(|fraction| (fraction + FINEST_MM / steepest).min(1.0))
         };
@@ -342,7 +341,7 @@ impl World {
         self.scene.clearance(&axes, &command, self.t_s + path.ramp().time_s(fraction))
     }
 
-    /// Where the axes truly stand, and where they would without lost motion.
+    /// True axis positions, with and without lost motion.
     fn true_on(&self, path: &Path, fraction: f64) -> (Position, Position) {
         (self.wired.truly(path.axes(fraction)), self.wired.truly(path.command(fraction)))
     }
@@ -370,7 +369,7 @@ impl World {
     }
 }
 
-/// Lost motion of the linear axes: as stated, or drawn as declared.
+/// Lost motion of the linear axes: as stated, or drawn from the declared magnitude.
 fn backlash_um(machine: &Machine, truth: &Truth) -> BTreeMap<Axis, f64> {
     let drawn =
         machine.axes.iter().filter(|(_, spec)| spec.backlash_um > 0.0).map(|(axis, spec)| {

@@ -1,4 +1,4 @@
-//! Errors of the linear axes over their positions: positioning, straightness, squareness, rotations.
+//! Errors of the linear axes as functions of position: positioning, straightness, squareness, rotations.
 
 use std::f64::consts::TAU;
 
@@ -10,24 +10,24 @@ use estimation::random;
 use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
 use machine::{Axis, Position};
 
-/// A random function of position with covariance σ²·exp(−Δ²/2ℓ²) (a sum of cosines of random
-/// frequency and phase), shifted to be zero at zero.
+/// A random function of position with covariance σ²·exp(−Δ²/2ℓ²) (a sum of cosines of random frequency and
+/// phase), shifted to be zero at position zero.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct RandomFunction {
     amplitude: f64,
-    /// (angular frequency per mm, phase).
+    /// (angular frequency per mm, phase in rad).
     waves: Vec<(f64, f64)>,
     at_zero: f64,
     pitch: f64,
-    /// Value and derivative times pitch at multiples of the pitch, where the function has been
-    /// tabulated: cubic Hermite pieces between them stay within 1e-6 σ of the cosines.
+    /// Value, and derivative times pitch, at multiples of the pitch, where the function has been tabulated.
+    /// Cubic Hermite interpolation between them is within 1e-6 σ of the sum of cosines.
     knots: Vec<[f64; 2]>,
 }
 
 impl RandomFunction {
     const WAVES: usize = 64;
-    /// On either side of zero: a metre and more at the shortest length, whatever the limits of an
-    /// axis are. Farther out the cosines serve.
+    /// Maximum number of knots on either side of zero: more than a metre at the shortest correlation length,
+    /// whatever the axis limits. Beyond it the sum of cosines is evaluated.
     const MOST_KNOTS: f64 = 20_000.0;
 
     fn draw(seed: u64, key: &[u64], sigma: f64, length: f64) -> Self {
@@ -46,7 +46,7 @@ impl RandomFunction {
         function
     }
 
-    /// The same function, fast within `reach` of zero.
+    /// The same function, tabulated within `reach` of zero, mm.
     fn tabulated(mut self, reach: f64) -> Self {
         if !self.waves.is_empty() {
             let half = (reach / self.pitch).ceil().min(Self::MOST_KNOTS) as i64;
@@ -83,9 +83,9 @@ impl RandomFunction {
 /// Positioning, straightness and squareness of X, Y and Z.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct LinearErrors {
-    /// Of each axis along X, Y and Z.
+    /// Error motions of each axis along X, Y and Z.
     motions: [[RandomFunction; 3]; 3],
-    /// How far X goes with Y, X with Z, Y with Z, rad.
+    /// Squareness errors, rad: displacement of X with motion along Y, of X along Z, of Y along Z.
     square: Vector3<f64>,
 }
 
@@ -100,13 +100,13 @@ impl LinearErrors {
         Self { motions: std::array::from_fn(along), square: Vector3::zeros() }
     }
 
-    /// With axes that are not square, each two of this standard deviation, rad.
+    /// Adds squareness errors of standard deviation `sigma` for each pair of axes, rad.
     pub fn askew(self, seed: u64, sigma: f64) -> Self {
         let draw = |pair| sigma * first_normal(seed, Source::Squareness, &[pair]);
         Self { square: Vector3::new(draw(0), draw(1), draw(2)), ..self }
     }
 
-    /// The same functions, fast within these distances of zero on X, Y and Z, mm.
+    /// The same functions, tabulated within these distances of zero on X, Y and Z, mm.
     pub fn tabulated(self, reach: [f64; 3]) -> Self {
         let mut reach = reach.into_iter();
         Self {
@@ -129,7 +129,7 @@ impl LinearErrors {
     }
 }
 
-/// Rotations of X, Y and Z about each of X, Y and Z.
+/// Rotations of each of X, Y and Z about X, Y and Z.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(super) struct AngularErrors {
     functions: Vec<(ErrorParameter, RandomFunction)>,
@@ -154,7 +154,7 @@ impl AngularErrors {
         self.functions.is_empty()
     }
 
-    /// With the axes at these positions.
+    /// Error terms with the axes at these positions.
     pub fn at(&self, axes: &Position) -> impl Iterator<Item = ErrorTerm> {
         self.functions.iter().map(|(parameter, function)| ErrorTerm {
             parameter: *parameter,

@@ -1,4 +1,4 @@
-//! The nearest point of a surface.
+//! Nearest point of a surface.
 
 use nalgebra::Vector3;
 

@@ -1,4 +1,4 @@
-//! One straight move of several axes at once, and the lost motion of the linear ones.
+//! One straight move of several axes at once, and the lost motion of the linear axes.
 
 use std::collections::BTreeMap;
 
@@ -6,12 +6,12 @@ use super::ramp::{Ramp, Speed};
 use machine::record::machine::AxisSpec;
 use machine::{Axis, Position};
 
-/// Spindles seldom state how they turn to an orientation: deg/min and deg/s².
+/// Speed and acceleration of spindle orientation, deg/min and deg/s²; machine files seldom state them.
 const SPINDLE_SPEED: f64 = 10_000.0;
 const SPINDLE_ACCELERATION: f64 = 1_000.0;
 
-/// Lost motion: a linear axis follows its command only after half the gap on either side is used
-/// up, so that it lags by half the gap behind the last direction moved.
+/// Lost motion: a linear axis follows its command only after half the gap on either side is used up, so that
+/// its lag behind the last direction of motion is half the gap.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Play {
     half_gap: BTreeMap<Axis, f64>,
@@ -28,7 +28,7 @@ impl Play {
         Self { half_gap, actual: command.clone() }
     }
 
-    /// Where the axes truly stand once they have moved to `command` without a reversal.
+    /// True axis positions after a move to `command` without a reversal.
     pub fn follow(&self, command: &Position) -> Position {
         let mut axes = command.clone();
         for (axis, half) in &self.half_gap {
@@ -43,20 +43,20 @@ impl Play {
     }
 }
 
-/// What bounds a move: the axes' speeds, and how far from an axis the ball can be.
+/// Bounds of a move: the speeds of the axes, and the largest distance of the ball from a rotary axis.
 pub(super) struct Limits<'a> {
     pub axes: &'a BTreeMap<Axis, AxisSpec>,
     pub lever: &'a dyn Fn(Axis, &Position) -> f64,
-    /// How much farther than told anything may go.
+    /// Largest ratio of true to commanded travel.
     pub longest: f64,
 }
 
 #[derive(Debug, Clone)]
 pub(super) struct Path {
     from: Position,
-    /// Travel of the axes that move.
+    /// Travel of each axis that moves.
     span: Position,
-    /// Where they go.
+    /// Target of the axes that move.
     to: Position,
     ramp: Ramp,
     steepest: f64,
@@ -64,7 +64,7 @@ pub(super) struct Path {
 }
 
 impl Path {
-    /// `None` where nothing moves.
+    /// Path of a move; `None` if nothing moves.
     pub fn new(
         from: &Position,
         to: &Position,
@@ -90,12 +90,12 @@ impl Path {
         &self.ramp
     }
 
-    /// Bound of the ball's way over the whole path, mm.
+    /// Upper bound of the ball's travel over the whole path, mm.
     pub fn steepest(&self) -> f64 {
         self.steepest
     }
 
-    /// Exactly the target at the end.
+    /// Commanded position at the path fraction; exactly the target at the end.
     pub fn command(&self, fraction: f64) -> Position {
         let mut at = self.from.clone();
         if fraction >= 1.0 {
@@ -107,14 +107,14 @@ impl Path {
         at
     }
 
-    /// Where the axes truly stand.
+    /// True axis positions at the path fraction.
     pub fn axes(&self, fraction: f64) -> Position {
         self.play.follow(&self.command(fraction))
     }
 }
 
-/// The slowest axis bounds the whole move. A feed counts along the linear path, as RS274/NGC has
-/// it; where rotary axes alone move it is in degrees.
+/// The slowest axis limits the whole move. A feed counts along the linear path, as in RS274/NGC; if only rotary
+/// axes move, it counts in degrees.
 fn ramp(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>) -> Ramp {
     let (mut fastest, mut acceleration) = (f64::INFINITY, f64::INFINITY);
     for (axis, travel) in span.iter() {
@@ -126,7 +126,7 @@ fn ramp(span: &Position, speed: Speed, axes: &BTreeMap<Axis, AxisSpec>) -> Ramp 
         acceleration = acceleration.min(axis.from_edge(accelerate) / travel.abs());
     }
     if let Speed::Feed { mm_min } = speed {
-        // A feed of zero would never end.
+        // A feed of zero would never reach the target.
         fastest = fastest.min(mm_min.max(1e-3) / 60.0 / feed_length(span));
     }
     Ramp::new(fastest, acceleration)
@@ -149,6 +149,6 @@ fn steepest(from: &Position, span: &Position, lever: &dyn Fn(Axis, &Position) ->
         .filter(|(axis, _)| !axis.is_linear())
         .map(|(axis, travel)| travel.abs() * (lever(axis, from) + linear))
         .sum();
-    // A hundredth more than the nominal way leaves room for every error.
+    // 1 % above the nominal travel leaves room for all errors.
     (linear + turns) * 1.01
 }

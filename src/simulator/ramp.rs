@@ -1,21 +1,21 @@
-//! Trapezoidal velocity along a straight move, and the first place where something happens on it.
+//! Trapezoidal velocity profile of a straight move, and the search for the first event on it.
 
-/// How fast a move is made.
+/// Speed of a move.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Speed {
     Rapid,
-    /// Along the path of the linear axes; deg/min where rotary axes alone move.
+    /// Feed along the path of the linear axes; deg/min where only rotary axes move.
     Feed {
         mm_min: f64,
     },
 }
 
-/// From rest to rest over the path fraction 0 to 1: accelerate, cruise, brake.
+/// Motion from rest to rest over the path fraction 0 to 1: accelerate, cruise, brake.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ramp {
     /// Highest speed reached, 1/s.
     peak: f64,
-    /// 1/s².
+    /// Acceleration of the path fraction, 1/s².
     acceleration: f64,
 }
 
@@ -25,7 +25,7 @@ impl Ramp {
         Self { peak: speed.min(acceleration.sqrt()), acceleration }
     }
 
-    /// Path fraction on which the move accelerates, and on which it brakes.
+    /// Path fraction of the acceleration phase, equal to that of the braking phase.
     fn flight(&self) -> f64 {
         self.peak * self.peak / (2.0 * self.acceleration)
     }
@@ -49,7 +49,7 @@ impl Ramp {
         (2.0 * self.acceleration * left).sqrt()
     }
 
-    /// Path fraction `seconds` after `fraction`, if nothing stops the move.
+    /// Path fraction `seconds` after `fraction`, if the move is not stopped.
     pub fn later(&self, fraction: f64, seconds: f64) -> f64 {
         if seconds <= 0.0 {
             return fraction;
@@ -65,7 +65,7 @@ impl Ramp {
         }
     }
 
-    /// Path fraction at rest, and the time, when braking begins at `fraction`.
+    /// Path fraction and time at rest when braking begins at `fraction`.
     pub fn stop_from(&self, fraction: f64) -> (f64, f64) {
         let speed = self.speed(fraction);
         let rest = (fraction + speed * speed / (2.0 * self.acceleration)).min(1.0);
@@ -73,14 +73,13 @@ impl Ramp {
     }
 }
 
-/// Steps of the search are never shorter than this.
+/// Shortest step of the search.
 pub(super) const FINEST_MM: f64 = 0.01;
-/// Width within which a crossing is located.
+/// Interval width at which a crossing counts as located.
 const CROSSING_MM: f64 = 1e-10;
 
-/// The first place in `from..=1` where the distance `f` (mm) is no longer positive. `steepest`
-/// bounds the change of `f` with the path fraction: steps as long as the distance allows cannot
-/// leap over a crossing.
+/// First path fraction in `from..=1` at which the distance `f` (mm) is no longer positive. `steepest` bounds
+/// the change of `f` with the path fraction: a step as long as the distance allows cannot pass over a crossing.
 pub(super) fn first_crossing(f: impl Fn(f64) -> f64, steepest: f64, from: f64) -> Option<f64> {
     let (mut here, mut value) = (from, f(from));
     while value > 0.0 {
@@ -97,8 +96,8 @@ pub(super) fn first_crossing(f: impl Fn(f64) -> f64, steepest: f64, from: f64) -
     Some(here)
 }
 
-/// Root between a positive `a` and a non-positive `b`: false position, an end that stays twice
-/// weighing half (Illinois), and bisection in every third round to bound the work.
+/// Root between a positive `a` and a non-positive `b`: false position, with half weight for an end point that
+/// stays twice (Illinois), and bisection in every third iteration to bound the work.
 fn locate(f: impl Fn(f64) -> f64, mut a: (f64, f64), mut b: (f64, f64), width: f64) -> f64 {
     let mut kept_b = None;
     for round in 0..200 {

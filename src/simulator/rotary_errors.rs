@@ -1,4 +1,4 @@
-//! Error motions of a rotary axis that are drawn from the seed.
+//! Error motions of a rotary axis, drawn from the seed.
 
 use std::f64::consts::TAU;
 
@@ -7,27 +7,29 @@ use super::rotary_motion::RotaryMotion;
 use machine::kinematics::{ErrorParameter, ErrorTerm, ParameterError, Shape};
 use machine::{Axis, Position};
 
-/// Error motions of a rotary axis along X, Y and Z: harmonics of its angle, 2 to 5 unless declared. The mean is where the
-/// axis stands, and the first harmonic goes with whatever turns on it.
+/// Error motions of a rotary axis along X, Y and Z: harmonics of its angle, 2 to 5 unless declared. The mean
+/// belongs to the axis position, and the first harmonic is inseparable from the eccentricity of what turns on the
+/// axis.
 #[derive(Debug, Clone)]
 pub(super) struct RotaryErrors {
     axis: Axis,
-    /// As what displaces the axis, with its terms.
+    /// Parameter that displaces the axis, with its harmonics.
     motions: Vec<(ErrorParameter, Vec<Harmonic>)>,
-    /// Their phases go on with time: no two turns are alike, in whatever direction.
+    /// Asynchronous motions: their phases change with time, so that no two revolutions are alike, in either
+    /// direction of rotation.
     asynchronous: Vec<(ErrorParameter, Vec<Harmonic>)>,
 }
 
-/// Waves of an asynchronous motion.
+/// Number of waves of an asynchronous motion.
 const ASYNCHRONOUS_TERMS: usize = 24;
-/// Of the slowest change of phase, s; the others are as many times faster as their number says.
+/// Period of the slowest phase change, s; the phase of wave n changes n times as fast.
 const PHASE_PERIOD_S: f64 = 61.7;
 
-/// Number, cosine and sine, mm or rad.
+/// Order, cosine and sine, mm or rad.
 type Harmonic = (f64, f64, f64);
 
 impl RotaryErrors {
-    /// Each direction of standard deviation `sigma_mm` at every angle.
+    /// Draws motions with standard deviation `sigma_mm` in each direction at every angle.
     pub fn draw(
         seed: u64,
         axis: Axis,
@@ -48,7 +50,7 @@ impl RotaryErrors {
         Ok(Self { axis, motions: motions?, asynchronous: Vec::new() })
     }
 
-    /// As declared.
+    /// Draws the motions of a declaration.
     pub fn declared(seed: u64, motion: &RotaryMotion) -> Result<Self, ParameterError> {
         const COMPONENTS: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B];
         let axis = motion.axis;
@@ -85,7 +87,7 @@ impl RotaryErrors {
         Ok(Self { axis, motions: motions?, asynchronous: asynchronous? })
     }
 
-    /// Where the axis stands off with all axes at `position`: what is the same in each turn.
+    /// Synchronous error motion with all axes at `position`: the part that repeats in each revolution.
     pub fn at(&self, position: &Position) -> impl Iterator<Item = ErrorTerm> {
         let angle = position.at(self.axis);
         self.motions.iter().map(move |(parameter, terms)| {
@@ -95,7 +97,7 @@ impl RotaryErrors {
         })
     }
 
-    /// The rest at the time `t_s`.
+    /// Asynchronous error motion at the time `t_s`.
     pub fn asynchronous_at(
         &self,
         position: &Position,

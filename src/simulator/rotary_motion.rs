@@ -4,24 +4,24 @@ use serde::{Deserialize, Serialize};
 
 use machine::Axis;
 
-/// `[[simulated.rotary_motion]]`: drawn from the seed, each component with these standard deviations at every
-/// angle.
+/// `[[simulated.rotary_motion]]`: drawn from the seed, with these standard deviations of each component at
+/// every angle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RotaryMotion {
     pub axis: Axis,
-    /// Of EX., EY., EZ. and of EA., EB.
+    /// Standard deviation of EX., EY., EZ.; the next field is that of EA., EB.
     #[serde(default)]
     pub linear_um: f64,
     #[serde(default)]
     pub angular_urad: f64,
-    /// Harmonics 1 to this one.
+    /// Highest order; harmonics start at 1.
     #[serde(default)]
     pub max_order: u32,
-    /// Orders 1/2 to 1/n besides; 0: none.
+    /// Largest n of the additional orders 1/2 to 1/n; 0: none.
     #[serde(default)]
     pub sub_harmonics: u32,
-    /// Of a part of EX., EY. and EZ. that does not repeat.
+    /// Standard deviation of the part of EX., EY. and EZ. that does not repeat.
     #[serde(default)]
     pub asynchronous_um: f64,
 }

@@ -1,4 +1,4 @@
-//! Sag: the table gives way as the part turns its weight about a tilt axis.
+//! Sag: deflection of the table as a tilt axis turns the weight of the part.
 
 use nalgebra::{Rotation3, Translation3, Vector3};
 
@@ -31,7 +31,7 @@ impl Sag {
         Self { terms: terms.iter().map(read).collect() }
     }
 
-    /// The pose of the table, given way: shifted, and turned about where its origin stands.
+    /// Pose of the deflected table: shifted, and rotated about the position of its origin.
     pub fn bend(&self, table: Pose, axes: &Position) -> Pose {
         self.terms.iter().fold(table, |table, term| {
             let angle = axes.at(term.axis);

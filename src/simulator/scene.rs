@@ -1,5 +1,5 @@
-//! What stands in the room: machine with its errors, probe and artefact, and how far ball and
-//! surface are apart. Exact: the pose with every error, the nearest point of the true surface.
+//! The scene: the machine with its errors, probe and artefact, and the distance between ball and surface. It is
+//! exact: the pose with every error, and the nearest point of the true surface.
 
 use std::borrow::Cow;
 
@@ -27,14 +27,14 @@ pub(super) struct Scene {
     angular_errors: AngularErrors,
     rotary_errors: Vec<RotaryErrors>,
     drift: Drift,
-    /// Stylus-ball centre as stated, and as it is; spindle frame.
+    /// Stated and true stylus-ball centre, spindle frame.
     tool: Vector3<f64>,
     tip: Vector3<f64>,
     ball_radius: f64,
     lobing: Lobing,
     surface: Surface,
     sag: Sag,
-    /// No rotary axis is farther than this from the machine's origin.
+    /// Upper bound of the distance of a rotary axis from the machine's origin.
     axes_reach: f64,
 }
 
@@ -99,7 +99,7 @@ impl Scene {
         })
     }
 
-    /// The machine's axes, the spindle included where it can be oriented.
+    /// Axes of the machine, including the spindle where it can be oriented.
     pub fn axes(&self) -> impl Iterator<Item = Axis> + '_ {
         self.chain.topology().axes()
     }
@@ -109,7 +109,7 @@ impl Scene {
         self.drift.table(t_s)
     }
 
-    /// The artefact is mounted anew.
+    /// Mounts the artefact again.
     pub fn mount(&mut self, turn_deg: f64) {
         self.surface.mount(turn_deg);
     }
@@ -121,7 +121,7 @@ impl Scene {
         let own = errors.iter().filter(|term| {
             (term.parameter.axis(), term.parameter.component()) == (axis, component)
         });
-        // What was drawn is a location error at this angle; a stated one is no motion.
+        // A drawn motion is a location error at this angle; a stated location error is not a motion.
         let stated = |term: &&ErrorTerm| {
             term.parameter.shape() == Shape::Location && self.errors.contains(term)
         };
@@ -133,20 +133,20 @@ impl Scene {
         self.tip
     }
 
-    /// Distance between ball and surface (negative: pressed in), mm. `axes`: where the axes truly
-    /// stand, backlash included; `command`: where they are said to stand.
+    /// Distance between ball and surface (negative: overlap), mm. `axes`: true axis positions, backlash
+    /// included; `command`: commanded positions.
     pub fn clearance(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
         self.gap(axes, command, t_s).0
     }
 
-    /// The same less pre-travel: the probe triggers where this falls to zero.
+    /// Clearance less pre-travel: the probe triggers where it falls to zero.
     pub fn margin(&self, axes: &Position, command: &Position, t_s: f64) -> f64 {
         let (distance, normal) = self.gap(axes, command, t_s);
         distance + self.lobing.at(normal)
     }
 
-    /// Farthest the ball can stand from the axis `axis` with the linear axes at `position`: its
-    /// way per radian.
+    /// Largest distance of the ball from the axis `axis` with the linear axes at `position`: its travel per
+    /// radian.
     pub fn lever(&self, axis: Axis, position: &Position) -> f64 {
         if axis == Axis::S {
             return self.tip.x.hypot(self.tip.y);
@@ -154,15 +154,14 @@ impl Scene {
         position.xyz().norm() + self.tip.norm() + self.axes_reach
     }
 
-    /// Distance and outward normal of the surface, the latter in the spindle frame.
+    /// Distance and outward normal of the surface, the normal in the spindle frame.
     fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
         let Sight { stand, growth, .. } = self.sight(axes, command, t_s);
         let nearest = self.surface.nearest(stand.on_table(self.tip), growth, t_s);
         (nearest.distance - self.ball_radius, stand.turned_to_spindle(nearest.normal))
     }
 
-    /// Everything as the spindle has it before itself; `axes` and `command` as for
-    /// [`Scene::clearance`].
+    /// The scene as seen from the spindle; `axes` and `command` as for [`Scene::clearance`].
     pub fn sight(&self, axes: &Position, command: &Position, t_s: f64) -> Sight<'_> {
         let errors = self.errors_at(axes, Some(t_s));
         let spindle = self.chain.machine_from_spindle(axes, &errors);
@@ -170,12 +169,12 @@ impl Scene {
         self.sight_from(spindle, shift, axes, t_s)
     }
 
-    /// The same as the bed has it: errors of the linear axes are those of the spindle against it.
+    /// The scene as seen from the bed: errors of the linear axes act between spindle and bed.
     pub fn sight_from_bed(&self, axes: &Position, t_s: f64) -> Sight<'_> {
         self.sight_from(Pose::identity(), Vector3::zeros(), axes, t_s)
     }
 
-    /// The sphere in the spindle, as a sensor on the table has it before itself.
+    /// The sphere in the spindle, as seen from a sensor on the table.
     pub fn sight_from_table(&self, axes: &Position, command: &Position, t_s: f64) -> Sight<'_> {
         let sight = self.sight(axes, command, t_s);
         let target =
@@ -202,8 +201,8 @@ impl Scene {
         Sight { stand, target, growth: self.drift.radius(t_s), t_s }
     }
 
-    /// What is stated, and what rotary axes have of error motions at this place, and linear ones of rotations.
-    /// Without a time: without their asynchronous part.
+    /// Stated errors, error motions of the rotary axes at this position, and rotations of the linear axes.
+    /// Without a time: without asynchronous motions.
     fn errors_at(&self, axes: &Position, t_s: Option<f64>) -> Cow<'_, [ErrorTerm]> {
         if self.rotary_errors.is_empty() && self.angular_errors.is_empty() {
             return Cow::Borrowed(&self.errors);
@@ -216,10 +215,10 @@ impl Scene {
         self.errors.iter().copied().chain(drawn).chain(rest).chain(turned).collect()
     }
 
-    /// Where the rotary axis stands in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at
-    /// `along` on it: the commanded position of the stated stylus centre that half a turn leaves in
-    /// place, with location errors, gains, drift and the errors of X, Y and Z where the axis is stated.
-    /// NaN for an axis that does not carry the part.
+    /// Position of the rotary axis in the two directions across it (C: X, Y; A: Y, Z; B: Z, X) at `along` on
+    /// it: the commanded position of the stated stylus centre that does not move on the table in half a turn, with
+    /// location errors, gains, drift and the errors of X, Y and Z at the stated axis. NaN for an axis that does not
+    /// carry the part.
     pub fn axis_position(&self, axis: Axis, along: f64, t_s: f64) -> [f64; 2] {
         let mut lasting: Vec<ErrorTerm> = self
             .errors
@@ -242,7 +241,7 @@ impl Scene {
             let turn = self.half_turn(axis, stylus, &lasting, shift);
             Vector2::new(turn.dot(&u), turn.dot(&v))
         };
-        // Affine in the position: three values give the root exactly.
+        // The motion is affine in the position: three values give the root exactly.
         let origin = moved(Vector2::zeros());
         let slope =
             Matrix2::from_columns(&[Vector2::x(), Vector2::y()].map(|at| moved(at) - origin));
@@ -250,16 +249,16 @@ impl Scene {
         inverse.map_or([f64::NAN; 2], |inverse| (-(inverse * origin)).into())
     }
 
-    /// X, Y and Z that bring the stated stylus centre to `stylus`, the rotary axes at zero; NaN where
-    /// they do not span space.
+    /// X, Y and Z that bring the stated stylus centre to `stylus`, with the rotary axes at zero; NaN where they
+    /// do not span space.
     fn linear_axes(&self, stylus: Vector3<f64>) -> Vector3<f64> {
         let (target, tool) = (Point::from_vec(stylus), Point::from_vec(self.tool));
         let stands = self.chain.linear_axes_for(target, tool, &Position::new(), &[]);
         stands.map_or(Vector3::repeat(f64::NAN), |stands| stands.xyz())
     }
 
-    /// How far the stylus centre, commanded to `stylus`, moves on the table in half a turn; `shift` of
-    /// the tool against the table.
+    /// Displacement on the table, in half a turn, of the stylus centre commanded to `stylus`; `shift` of the
+    /// tool against the table.
     fn half_turn(
         &self,
         axis: Axis,

@@ -1,4 +1,4 @@
-//! The displacement sensors, in the spindle, on the table or on the bed.
+//! Displacement sensors in the spindle, on the table or on the bed.
 
 use super::beam::{Beam, Sensed};
 use super::sensor_truth::SensorTruth;
@@ -6,7 +6,7 @@ use super::{Speed, World, WorldError, drawn};
 use machine::Position;
 use machine::record::sensor::{Mount, Sensor};
 
-/// One sensor, and how often it has been asked.
+/// One sensor, and the number of samples it has taken.
 #[derive(Debug, Clone)]
 pub(super) struct Eye {
     name: String,
@@ -16,15 +16,15 @@ pub(super) struct Eye {
     taken: u64,
 }
 
-/// When it samples, by its own clock.
+/// Sampling times, by the sensor's own clock.
 #[derive(Debug, Clone)]
 struct Ticks {
-    /// Of a second of its own.
+    /// True duration of a second of the sensor's clock.
     lasts_s: f64,
     jitter_s: f64,
-    /// The last sample came so late.
+    /// Delay of the last sample.
     late_s: f64,
-    /// What each says was so long before.
+    /// Latency: each output belongs to a moment this much earlier.
     before_s: f64,
 }
 
@@ -35,8 +35,8 @@ impl Ticks {
         Self { lasts_s, jitter_s, late_s: 0.0, before_s }
     }
 
-    /// What truly passes until the sample that comes `after_s` later by its clock. What one is late the
-    /// next is not.
+    /// True time until the sample that comes `after_s` later by the sensor's clock. The jitter of one sample
+    /// does not shift the next one.
     fn until(&mut self, after_s: f64, deviate: f64) -> f64 {
         let before = std::mem::replace(&mut self.late_s, self.jitter_s * deviate);
         after_s * self.lasts_s + self.late_s - before
@@ -44,30 +44,31 @@ impl Ticks {
 }
 
 impl Eye {
-    /// From here on no noise comes that has been before.
+    /// Advances the sample count to `t_s`, so that no noise value repeats.
     pub fn pass(&mut self, t_s: f64) {
         self.taken = self.taken.max((t_s * MOST_HZ) as u64);
     }
 }
 
-/// What a sensor said on the way.
+/// A sample that a sensor takes during a move.
 #[derive(Debug, Clone)]
 pub struct Passing {
-    /// Displayed, and the time, when it said it.
+    /// Displayed position, at the time of output.
     pub position: Position,
     pub t_s: f64,
     pub sensed: Sensed,
 }
 
-/// No sensor is asked more often.
+/// Maximum sampling rate of a sensor.
 const MOST_HZ: f64 = 1e6;
 
 impl World {
-    /// With these sensors, each as its `[[simulated.sensor]]` says, an ideal one where
-    /// there is none.
+    /// Adds these sensors, each with the errors of its `[[simulated.sensor]]`; without one, the sensor is
+    /// ideal.
     ///
     /// # Errors
-    /// Two sensors of one name, a `[[simulated.sensor]]` of no sensor, numbers that no sensor has.
+    /// Two sensors have the same name, a `[[simulated.sensor]]` names no sensor, or a number is impossible for
+    /// a sensor.
     pub fn with_sensors(mut self, sensors: &[Sensor]) -> Result<Self, WorldError> {
         let named = |name: &str| sensors.iter().filter(|sensor| sensor.name == name).count();
         if let Some(stray) = self.sensor_truths.iter().find(|truth| named(&truth.name) == 0) {
@@ -90,8 +91,8 @@ impl World {
         Ok(self)
     }
 
-    /// `after_s` pass by the clock of the sensor `name`, then it says what it sees from where the axes
-    /// stand, or stood when it saw it. `None`: there is no such sensor.
+    /// Lets `after_s` pass by the clock of the sensor `name`, then returns its sample at the axis positions,
+    /// which are earlier ones if the sensor has a latency. `None`: there is no such sensor.
     pub fn sense(&mut self, name: &str, after_s: f64) -> Option<Sensed> {
         let number = self.eyes.iter().position(|eye| eye.name == name)?;
         let passed = self.tick(number, after_s)?;
@@ -99,8 +100,8 @@ impl World {
         self.says(number, self.t_s)
     }
 
-    /// What the sensor `name` says at `t_s`, which is not later than now, and where the axes were then. `None`:
-    /// there is no such sensor.
+    /// Sample of the sensor `name` at `t_s`, which is not later than now, and the axis positions at that time.
+    /// `None`: there is no such sensor.
     pub fn sensed_at(&mut self, name: &str, t_s: f64) -> Option<Passing> {
         let number = self.eyes.iter().position(|eye| eye.name == name)?;
         let position = match self.trail.at(t_s) {
@@ -110,8 +111,8 @@ impl World {
         Some(Passing { position, t_s, sensed: self.says(number, t_s)? })
     }
 
-    /// A straight unguarded move of the axes named in `to`; on its way the sensor `name` says something
-    /// each `period_s` by its clock.
+    /// Makes a straight, unguarded move of the axes named in `to`, during which the sensor `name` samples every
+    /// `period_s` by its clock.
     pub fn sense_on_the_way(
         &mut self,
         name: &str,
@@ -136,7 +137,7 @@ impl World {
         all
     }
 
-    /// What truly passes until the next sample.
+    /// True time until the next sample.
     fn tick(&mut self, number: usize, after_s: f64) -> Option<f64> {
         let eye = self.eyes.get_mut(number)?;
         let deviate = drawn::sample_tick(self.seed, number, eye.taken);

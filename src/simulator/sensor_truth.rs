@@ -1,46 +1,47 @@
-//! A displacement sensor as it truly is.
+//! True errors of a displacement sensor.
 
 use serde::{Deserialize, Serialize};
 
 use super::WorldError;
 
-/// One `[[simulated.sensor]]`. What is declared by magnitude only in its `[[sensor]]` (noise,
-/// linearity) is drawn from the seed unless it stands here.
+/// One `[[simulated.sensor]]`. Errors that its `[[sensor]]` declares by magnitude only (noise, linearity) are
+/// drawn from the seed unless given here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SensorTruth {
-    /// Of the `[[sensor]]` that is so.
+    /// Name of the `[[sensor]]` to which these errors apply.
     pub name: String,
     /// True zero point less the stated one, spindle frame.
     pub zero_offset_um: [f64; 3],
-    /// By how much the beam leans towards the two axes of the spindle frame across its stated
-    /// direction: X and Y where it looks along Z, X and Z along Y, Y and Z along X.
+    /// Tilt of the beam towards the two axes of the spindle frame across its stated direction: X and Y for a
+    /// beam along Z, X and Z along Y, Y and Z along X.
     pub tilt_urad: [f64; 2],
-    /// What it says per true distance.
+    /// Output per true distance.
     pub gain: f64,
-    /// What it says beyond a straight line, in place of what is drawn.
+    /// Deviation of the output from a straight line; replaces the drawn one.
     pub linearity: Option<Vec<Wave>>,
-    /// Standard deviation of one sample, in place of the declared one.
+    /// Standard deviation of one sample; replaces the declared one.
     pub noise_um: Option<f64>,
-    /// Diameter of the light spot; what is said is the mean over it.
+    /// Diameter of the light spot; the output is the mean over it.
     pub spot_mm: f64,
-    /// How much farther a surface seems that stands at 45° to the beam; as the squared tangent.
+    /// Added distance on a surface at 45° to the beam; proportional to the squared tangent of the angle.
     pub incidence_um: f64,
-    /// The same of its lean along the two axes of `tilt_urad`; as the tangent, with its sign: positive
-    /// where the surface recedes along the axis.
+    /// Added distance by the tilt of the surface along the two axes of `tilt_urad`; proportional to the
+    /// tangent, with its sign: positive where the surface recedes along the axis.
     pub lean_um: [f64; 2],
-    /// At a greater angle between beam and surface normal no light comes back.
+    /// Angle between beam and surface normal above which no light comes back.
     pub echo_limit_deg: f64,
-    /// At a smaller one the receiver is dazzled.
+    /// Angle between beam and surface normal below which the receiver is saturated.
     pub dazzled_deg: f64,
-    /// Distances beyond are reported as the nearer of these two, mm: its electronics are saturated.
+    /// Output limits, mm: distances beyond them are reported as the nearer limit, because the electronics are
+    /// saturated.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clips_mm: Option<[f64; 2]>,
-    /// By how much its clock is slow: a second of its own lasts so much longer.
+    /// Rate error of the clock: a second of the sensor's clock lasts this much longer.
     pub clock_slow_ppm: f64,
-    /// Standard deviation of the moment of one sample about what its clock says.
+    /// Standard deviation of the time of one sample about the time of the sensor's clock.
     pub clock_jitter_us: f64,
-    /// What it says at a moment it saw so long before.
+    /// Latency: the output at a moment belongs to a measurement this much earlier.
     pub clock_late_ms: f64,
 }
 
@@ -55,7 +56,7 @@ pub struct Wave {
 }
 
 impl Default for SensorTruth {
-    /// Ideal but for the angle at which it sees nothing any more, that of paper 2's kind of sensor.
+    /// Ideal, except for the angle above which it receives no light, that of paper 2's kind of sensor.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -79,7 +80,7 @@ impl Default for SensorTruth {
 
 impl SensorTruth {
     /// # Errors
-    /// The first key that no sensor has so.
+    /// Finds the first key whose value is impossible for a sensor.
     pub(super) fn check(&self) -> Result<(), WorldError> {
         let waves = self.linearity.iter().flatten();
         let curve = waves.clone().flat_map(|w| [w.amplitude_um, w.phase_deg]);
@@ -107,11 +108,11 @@ impl SensorTruth {
     }
 }
 
-/// A second.
+/// Maximum latency: one second.
 const MOST_LATE_MS: f64 = 1000.0;
-/// A quarter.
+/// Maximum rate error of the clock: one quarter.
 const MOST_PPM: f64 = 250_000.0;
-/// Half a radian.
+/// Maximum tilt: half a radian.
 const MOST_TILT_URAD: f64 = 500_000.0;
 
 fn sound(value: f64) -> bool {

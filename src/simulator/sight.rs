@@ -1,4 +1,4 @@
-//! What lies before a straight line of sight: the nearest true surface on its way.
+//! The nearest true surface along a straight line of sight.
 
 use nalgebra::Vector3;
 
@@ -7,28 +7,28 @@ use super::ramp::first_crossing;
 use super::stand::Stand;
 use super::surface::Surface;
 
-/// The scene at one moment, as seen from the carrier of a sensor.
+/// The scene at one moment, as seen from the part that carries a sensor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sight<'a> {
-    /// Of the carrier, in the place of the spindle.
+    /// Pose of the carrier, in place of the spindle.
     pub stand: Stand,
     pub target: Target<'a>,
-    /// Of the radius of a round part, mm.
+    /// Growth of the radius of a round part, mm.
     pub growth: f64,
     pub t_s: f64,
 }
 
-/// What a sensor measures.
+/// Object that a sensor measures.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Target<'a> {
     /// The artefact.
     Surface(&'a Surface),
-    /// The sphere in the spindle; its centre in the table frame, mm.
+    /// The sphere in the spindle; centre in the table frame, mm.
     Sphere { centre: Vector3<f64>, radius: f64 },
 }
 
 impl Target<'_> {
-    /// From `point` in the table frame.
+    /// Nearest surface to `point` in the table frame.
     fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> Nearest {
         match self {
             Self::Surface(surface) => surface.nearest(point, growth, t_s),
@@ -41,18 +41,18 @@ impl Target<'_> {
     }
 }
 
-/// Where a line of sight ends.
+/// End point of a line of sight.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Hit {
-    /// From the line's origin, mm.
+    /// Distance from the line's origin, mm.
     pub distance: f64,
     /// Outward unit normal of the surface there, spindle frame.
     pub normal: Vector3<f64>,
 }
 
 impl Sight<'_> {
-    /// The first surface that the line through `origin` along the unit vector `along` (spindle
-    /// frame) enters between the distances `reach`; `None` also where it begins inside a body.
+    /// First surface that the line through `origin` along the unit vector `along` (spindle frame) enters
+    /// between the distances `reach`; `None` also if the line begins inside a body.
     pub fn first(&self, origin: Vector3<f64>, along: Vector3<f64>, reach: [f64; 2]) -> Option<Hit> {
         let [near, far] = reach;
         let length = far - near;
@@ -60,7 +60,7 @@ impl Sight<'_> {
         let way = self.stand.turned_to_table(along);
         let nearest =
             |at: f64| self.target.nearest(start + way * (at * length), self.growth, self.t_s);
-        // No surface comes nearer than the line advances.
+        // The distance to a surface falls no faster than the line advances.
         let at = first_crossing(|at| nearest(at).distance, length, 0.0).filter(|at| *at > 0.0)?;
         let normal = self.stand.turned_to_spindle(nearest(at).normal);
         Some(Hit { distance: near + at * length, normal })

@@ -1,31 +1,31 @@
-//! Where table and tool stand at one moment, with all errors.
+//! Poses of table and tool at one moment, with all errors.
 
 use nalgebra::{Point3, Vector3};
 
 use machine::frame::Pose;
 
-/// Machine frame, mm.
+/// Poses in the machine frame, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Stand {
     pub table: Pose,
     pub spindle: Pose,
-    /// Of the tool against the table.
+    /// Shift of the tool against the table.
     pub shift: Vector3<f64>,
 }
 
 impl Stand {
-    /// A point of the spindle frame, in the table frame.
+    /// Transforms a point of the spindle frame into the table frame.
     pub fn on_table(&self, point: Vector3<f64>) -> Vector3<f64> {
         let in_machine = self.spindle * Point3::from(point) + self.shift;
         self.table.inverse_transform_point(&in_machine).coords
     }
 
-    /// A direction of the spindle frame, in the table frame.
+    /// Transforms a direction of the spindle frame into the table frame.
     pub fn turned_to_table(&self, direction: Vector3<f64>) -> Vector3<f64> {
         self.table.inverse_transform_vector(&(self.spindle * direction))
     }
 
-    /// A direction of the table frame, in the spindle frame.
+    /// Transforms a direction of the table frame into the spindle frame.
     pub fn turned_to_spindle(&self, direction: Vector3<f64>) -> Vector3<f64> {
         self.spindle.inverse_transform_vector(&(self.table * direction))
     }

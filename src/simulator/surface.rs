@@ -1,4 +1,4 @@
-//! The seam for what can be touched: nearest point of a true artefact's surface.
+//! The true surface that can be touched: nearest point for each kind of artefact.
 
 use nalgebra::Vector3;
 
@@ -11,10 +11,10 @@ use super::nearest::Nearest;
 use super::truth::Truth;
 use machine::record::artefact::{Artefact, Cylinder};
 
-/// Distance from the surface where there is no artefact: farther than any machine reaches, mm.
+/// Distance from the surface if there is no artefact: beyond the reach of any machine, mm.
 const NOTHING_NEAR_MM: f64 = 1e9;
 
-/// The true artefact, standing in the table frame.
+/// The true artefact, in the table frame.
 #[derive(Debug, Clone)]
 pub(super) enum Surface {
     Flank(Flank),
@@ -47,16 +47,16 @@ impl Surface {
         }
     }
 
-    /// A person has mounted the artefact anew, turned by this against its first mounting. Only a datum cylinder
-    /// stands on an indexing stage.
+    /// Mounts the artefact again, turned by this angle against its first mounting. Only a datum cylinder has an
+    /// indexing stage.
     pub fn mount(&mut self, turn_deg: f64) {
         if let Self::Datum(datum) = self {
             datum.mount(turn_deg);
         }
     }
 
-    /// From `point` in the table frame at the time `t_s`. `growth`: of the radius of a round part;
-    /// what drift does to the radius of a small ball is far below a micrometre.
+    /// Nearest surface to `point` in the table frame at the time `t_s`. `growth`: of the radius of a round
+    /// part; the growth of a small ball is far below a micrometre.
     pub fn nearest(&self, point: Vector3<f64>, growth: f64, t_s: f64) -> Nearest {
         match self {
             Self::Flank(flank) => flank.nearest(point, growth),

@@ -1,10 +1,10 @@
-//! Where the axes have lately been: a sensor that is late tells of it.
+//! Past positions of the axes: the output of a sensor with latency belongs to an earlier position.
 
 use std::collections::VecDeque;
 
 use super::path::Path;
 
-/// Moves that are kept.
+/// Number of moves that are kept.
 const KEPT: usize = 64;
 
 /// The last moves, in the order of time.
@@ -17,7 +17,7 @@ pub(super) struct Trail {
 struct Move {
     begins_s: f64,
     path: Path,
-    /// Where on it the axes came to rest.
+    /// Path fraction at which the axes came to rest.
     ends: f64,
 }
 
@@ -29,8 +29,7 @@ impl Trail {
         self.moves.push_back(Move { begins_s, path: path.clone(), ends });
     }
 
-    /// The path last begun by then, and how far along it the axes were; before the first of all, where
-    /// that began.
+    /// The path that was last begun before `t_s`, and the path fraction at `t_s`; before the first move, its start.
     pub fn at(&self, t_s: f64) -> Option<(&Path, f64)> {
         let begun = self.moves.iter().rev().find(|one| one.begins_s <= t_s);
         let Move { begins_s, path, ends } = begun.or(self.moves.front())?;

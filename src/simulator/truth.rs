@@ -1,4 +1,4 @@
-//! The truth of a simulated machine: what the daemon is to find out and must never see.
+//! The truth of a simulated machine: the errors that the daemon must identify without access to them.
 
 use std::collections::BTreeMap;
 
@@ -17,18 +17,18 @@ use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
 use machine::record::artefact::Balls;
 
-/// The `[simulated]` table of the machine file. Whatever stands here is exactly so; sources that
-/// the machine file declares by magnitude only are drawn from `seed`.
+/// The `[simulated]` table of the machine file. Values given here are exact; errors that the machine file declares
+/// by magnitude only are drawn from `seed`.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Truth {
     pub seed: u64,
-    /// ISO 230-1 location errors and linear gains, the unit behind the symbol: `EX0C_um`,
-    /// `EA0C_urad`, `EXX1_um_per_m`.
+    /// ISO 230-1 location errors and linear gains; the unit follows the symbol: `EX0C_um`, `EA0C_urad`,
+    /// `EXX1_um_per_m`.
     pub errors: BTreeMap<String, f64>,
     /// Error motions of rotary axes, one harmonic each.
     pub error_motion: Vec<ErrorMotion>,
-    /// The same, declared by magnitude.
+    /// Error motions of rotary axes, declared by magnitude.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub rotary_motion: Vec<RotaryMotion>,
     /// Form and tilt of a datum cylinder, and the stage that indexes it.
@@ -42,35 +42,35 @@ pub struct Truth {
     pub form: Vec<FormHarmonic>,
     /// Standard deviation of the artefact's random roughness, drawn from `seed`.
     pub roughness_um: f64,
-    /// True stylus centre less the stated one, spindle frame, beside what is drawn.
+    /// True stylus centre minus the stated one, spindle frame; added to the drawn offset.
     pub tool_offset_um: [f64; 3],
-    /// Standard deviations of what is drawn for each ball: each coordinate of the true centre less
-    /// the stated one, the same of the diameter, and the radius over the directions (an oval).
+    /// Standard deviations of the draws for each ball: of each coordinate of the true centre minus the stated one,
+    /// of the diameter, and of the radius over the directions (an oval).
     pub ball_offset_mm: f64,
     pub ball_diameter_um: f64,
     pub ball_form_um: f64,
-    /// What is known of single balls, beside what is drawn.
+    /// Errors of single balls, in addition to the drawn ones.
     pub ball: Vec<BallTruth>,
-    /// Balls that come loose.
+    /// Balls that come loose during the run.
     pub ball_moves: Vec<BallMove>,
-    /// By how much certified lengths are longer than certificate and temperature say.
+    /// Relative excess of the true lengths over certificate and temperature.
     pub length_error_um_per_m: f64,
-    /// How the table gives way as the part is tilted.
+    /// Deflection of the table when the part is tilted.
     pub sag: Vec<SagTerm>,
     /// Lost motion of a linear axis when it reverses.
     pub backlash_um: BTreeMap<Axis, f64>,
     /// How motors and probe are connected.
     #[serde(skip_serializing_if = "Wiring::is_right")]
     pub wiring: Wiring,
-    /// How late a contact is noticed.
+    /// Delay between contact and latch.
     pub latch: Latch,
     /// The displacement sensors in the spindle.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sensor: Vec<SensorTruth>,
-    /// How warm it is where the thermometers sit.
+    /// True temperatures at the thermometers.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub thermometer: Vec<Warmth>,
-    /// What the control does wrong: the simulated control reads it, the world does not.
+    /// Faults of the control: read by the simulated control, ignored by the world.
     #[serde(skip_serializing)]
     pub fault: IgnoredAny,
 }
@@ -92,43 +92,42 @@ pub struct ErrorMotion {
     pub sin_urad: f64,
 }
 
-/// One ball as it is.
+/// True errors of one ball.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BallTruth {
     pub id: String,
-    /// True centre less the stated one, table frame. What a certificate holds goes before it.
+    /// True centre minus the stated one, table frame. A certificate takes precedence.
     #[serde(default)]
     pub offset_mm: [f64; 3],
     #[serde(default)]
     pub diameter_um: f64,
-    /// In place of `ball_form_um`.
+    /// Replaces `ball_form_um` for this ball.
     #[serde(default)]
     pub form_um: Option<f64>,
 }
 
-/// A ball that stands off by `by_mm` (table frame) from `at_s` on.
+/// A ball that is displaced by `by_mm` (table frame) from `at_s` on.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BallMove {
     pub ball: String,
-    /// Since the world was made.
+    /// Simulated time since the world was created.
     pub at_s: f64,
     pub by_mm: [f64; 3],
 }
 
-/// What lies between a contact and the position that is kept for it. The axes move on meanwhile, and
-/// brake only then.
+/// Delay between a contact and the latched position. The axes continue to move meanwhile, and brake only after it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Latch {
-    /// Always: the probe's filter and radio link, the control's own reaction.
+    /// Constant delay: the probe's filter and radio link, and the reaction of the control.
     pub delay_ms: f64,
-    /// A PLC looks at the probe once in so long; contact falls anywhere in between.
+    /// Period at which a PLC reads the probe; the contact occurs at a random time within it.
     pub scan_ms: f64,
 }
 
-/// The table's displacement over the angle q of a tilt axis, machine frame, as it is at q = 90°.
+/// Displacement of the table as a function of the angle q of a tilt axis, machine frame, given at q = 90°.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SagTerm {
@@ -137,7 +136,7 @@ pub struct SagTerm {
     pub law: SagLaw,
     #[serde(default)]
     pub um: [f64; 3],
-    /// Rotation vector, about where the table's origin stands.
+    /// Rotation vector about the position of the table's origin.
     #[serde(default)]
     pub urad: [f64; 3],
 }
@@ -145,20 +144,20 @@ pub struct SagTerm {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SagLaw {
-    /// sin q: a weight whose lever changes sides.
+    /// sin q: for a weight whose lever arm changes sides.
     #[default]
     Sin,
-    /// 1 − cos q: the same on both sides.
+    /// 1 − cos q: equal on both sides.
     OneMinusCos,
 }
 
 impl Truth {
-    /// Of the artefact as a whole, table frame, mm.
+    /// Offset of the artefact as a whole, table frame, mm.
     pub(super) fn centre_offset(&self) -> Vector3<f64> {
         Vector2::from(self.centre_offset_mm).push(0.0)
     }
 
-    /// Refuse what only balls can have.
+    /// Rejects keys that apply to balls only.
     pub(super) fn of_a_round_part(&self) -> Result<(), WorldError> {
         let drawn = [
             ("ball_offset_mm", self.ball_offset_mm),
@@ -172,7 +171,7 @@ impl Truth {
         refuse(drawn.chain(listed), "balls")
     }
 
-    /// Refuse what only a round part can have.
+    /// Rejects keys that apply to a round part only.
     pub(super) fn of_no_form(&self) -> Result<(), WorldError> {
         let form = ("form", !self.form.is_empty());
         let rough = ("roughness_um", self.roughness_um != 0.0);
@@ -180,7 +179,7 @@ impl Truth {
         refuse(stated, "cylinder")
     }
 
-    /// Refuse what only a round part can have, and balls that are not there.
+    /// Rejects keys that apply to a round part only, and unknown balls.
     pub(super) fn of_balls(&self, balls: &Balls) -> Result<(), WorldError> {
         self.of_no_form()?;
         let named = self.ball.iter().map(|ball| &ball.id);
@@ -220,7 +219,7 @@ fn refuse(
     keys.next().map_or(Ok(()), |key| Err(WorldError::OtherKind { key, belongs }))
 }
 
-/// `EX0C_um = 50.0` and the like.
+/// Parses a key and value such as `EX0C_um = 50.0`.
 fn read_error(key: &str, value: f64) -> Result<ErrorTerm, WorldError> {
     let units = [("_um_per_m", 1e-6), ("_urad", 1e-6), ("_um", 1e-3)];
     let (symbol, unit, scale) = units

@@ -1,20 +1,21 @@
-//! How warm it is where the thermometers sit.
+//! True temperatures at the thermometers.
 
 use serde::{Deserialize, Serialize};
 
 use super::{World, WorldError, drawn};
 
-/// One `[[simulated.thermometer]]`: from where it begins it goes on to a new balance, as the drift does.
+/// One `[[simulated.thermometer]]`: the temperature approaches thermal equilibrium with the time constant of the
+/// drift.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Warmth {
-    /// Of the `[[thermometer]]` that is so.
+    /// Name of the `[[thermometer]]` at this place.
     pub name: String,
-    /// When the world was made.
+    /// Temperature when the world is created.
     pub begins_c: f64,
-    /// By how much it is warmer in the end.
+    /// Temperature rise until equilibrium.
     pub warms_k: f64,
-    /// Standard deviation of what it says.
+    /// Standard deviation of a reading.
     pub noise_k: f64,
 }
 
@@ -24,7 +25,7 @@ impl Default for Warmth {
     }
 }
 
-/// Digits of what is said.
+/// Resolution of a reading.
 const COUNTS_PER_K: f64 = 100.0;
 
 impl Warmth {
@@ -34,7 +35,7 @@ impl Warmth {
     }
 
     fn at(&self, t_s: f64, seed: u64, number: usize) -> f64 {
-        // It says something new each second.
+        // The noise changes once per second.
         let noise = self.noise_k * drawn::thermometer_deviate(seed, number, t_s.max(0.0) as u64);
         let celsius = self.begins_c + self.warms_k * drawn::settled(t_s) + noise;
         (celsius * COUNTS_PER_K).round() / COUNTS_PER_K
@@ -42,11 +43,10 @@ impl Warmth {
 }
 
 impl World {
-    /// With thermometers of these names, each as its `[[simulated.thermometer]]` says.
+    /// Adds thermometers of these names, each with the temperature of its `[[simulated.thermometer]]`.
     ///
     /// # Errors
-    /// A `[[simulated.thermometer]]` of no thermometer, or of one that has it already; numbers that no
-    /// place has.
+    /// A `[[simulated.thermometer]]` names no thermometer or the same one twice, or a number is impossible.
     pub fn with_thermometers(mut self, names: &[&str]) -> Result<Self, WorldError> {
         let stated = std::mem::take(&mut self.warmths);
         let count = |name: &str| stated.iter().filter(|stated| stated.name == name).count();
@@ -66,7 +66,7 @@ impl World {
         Ok(self)
     }
 
-    /// What the thermometer `name` says now, °C; `None`: there is none.
+    /// Reading of the thermometer `name` now, °C; `None`: there is no such thermometer.
     pub fn temperature_c(&self, name: &str) -> Option<f64> {
         let number = self.warmths.iter().position(|warmth| warmth.name == name)?;
         Some(self.warmths.get(number)?.at(self.t_s, self.seed, number))

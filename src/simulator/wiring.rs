@@ -1,6 +1,6 @@
-//! How the machine is wired, which no control knows: which motor hangs at which drive, which way
-//! round, how far it goes, and how the probe is connected. The control believes its own positions;
-//! from where the machine stood at first, the world moves otherwise.
+//! True wiring of the machine, which is hidden from the control: which motor is connected to which drive, its
+//! direction, its travel per commanded unit, and the wiring of the probe. The control displays its own positions;
+//! the true motion from the initial position follows the wiring.
 
 use std::collections::BTreeMap;
 
@@ -12,15 +12,15 @@ use machine::{Axis, Position};
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Wiring {
-    /// Pairs of axes that move in each other's stead (1 mm for 1°).
+    /// Pairs of axes whose motors are exchanged (1 mm for 1°).
     pub swapped: Vec<[Axis; 2]>,
     pub reversed: Vec<Axis>,
-    /// How far an axis goes for each mm or degree that it is told.
+    /// True travel of an axis for each commanded mm or degree.
     pub gain: BTreeMap<Axis, f64>,
     pub probe: ProbeWiring,
 }
 
-/// What the probe's input shows.
+/// Wiring of the probe input.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum ProbeWiring {
@@ -40,10 +40,10 @@ impl Wiring {
     }
 }
 
-/// The wiring of a machine that stood at `origin` when it was built.
+/// The wiring of a machine that was at `origin` when it was built.
 #[derive(Debug, Clone)]
 pub(super) struct Wired {
-    /// `None`: all is right.
+    /// `None`: the wiring is correct.
     wrong: Option<(Wiring, Position)>,
 }
 
@@ -53,7 +53,7 @@ impl Wired {
         Self { wrong }
     }
 
-    /// Where the axes truly stand that the control believes to stand at `believed`.
+    /// True axis positions where the control displays `believed`.
     pub fn truly(&self, believed: Position) -> Position {
         let Some((wiring, origin)) = &self.wrong else { return believed };
         let mut stands = believed.clone();
@@ -67,17 +67,17 @@ impl Wired {
         stands
     }
 
-    /// A bound on how much farther anything goes than the control believes.
+    /// Upper bound of the ratio of true to commanded travel.
     pub fn longest(&self) -> f64 {
         let Some((wiring, _)) = &self.wrong else { return 1.0 };
         let mixed = |pair: &[Axis; 2]| pair[0].is_linear() != pair[1].is_linear();
-        // A degree in place of a millimetre, or the other way round; otherwise what stands elsewhere
-        // may be farther from the axis that turns.
+        // A degree may replace a millimetre, or the reverse. Without such a pair, exchanged axes may still increase
+        // the distance of the ball from the axis that turns.
         let elsewhere = if wiring.swapped.iter().any(mixed) { 180.0 } else { 3.0 };
         wiring.gain.values().fold(1.0_f64, |most, gain| most.max(gain.abs())) * elsewhere
     }
 
-    /// What the probe's input shows of the truth.
+    /// State of the probe input for the true state of the probe.
     pub fn shows(&self, closed: bool) -> bool {
         match self.probe() {
             ProbeWiring::Right => closed,
@@ -87,7 +87,7 @@ impl Wired {
         }
     }
 
-    /// Whether a contact gets through to the control at all.
+    /// Whether a contact changes the probe input.
     pub fn feels(&self) -> bool {
         matches!(self.probe(), ProbeWiring::Right | ProbeWiring::Inverted)
     }
@@ -98,7 +98,7 @@ impl Wired {
 }
 
 impl Wiring {
-    /// The axis that moves when `drive` is told to.
+    /// The axis that moves when `drive` is commanded.
     fn motor(&self, drive: Axis) -> Axis {
         let other = self.swapped.iter().find_map(|[one, other]| match drive {
             axis if axis == *one => Some(*other),
@@ -136,7 +136,7 @@ mod tests {
         assert_eq!(truly(reversed), told.clone().with(Axis::Z, 460.0));
         let gain = Wiring { gain: [(Axis::X, 25.4)].into(), ..Wiring::default() };
         assert_eq!(truly(gain), told.clone().with(Axis::X, 50.8));
-        // Both at once: X hangs at the drive of Y, and turns the other way.
+        // Both at once: the motor of X is connected to the drive of Y, and turns in the opposite direction.
         let both = Wiring {
             swapped: vec![[Axis::X, Axis::Y]],
             reversed: vec![Axis::X],

@@ -1,6 +1,6 @@
-//! What cargo cannot see of the architecture: the layers inside a package, what a package without IO
-//! must not touch, import circles between files, and the length of a file. Reads `src/` with syn.
-//! `cargo test --test architecture -- --nocapture` prints who imports whom inside `trued`.
+//! Checks of the architecture beyond those of cargo: the layers inside a package, the forbidden dependencies of a
+//! package without IO, import circles between files, and the length of a file. Reads `src/` with syn. `cargo test
+//! --test architecture -- --nocapture` prints the imports between the modules of `trued`.
 
 mod imports;
 mod resolve;
@@ -15,11 +15,11 @@ use std::sync::LazyLock;
 use imports::{Imports, Path};
 use resolve::{Resolver, Target};
 
-/// The aim is half of it.
+/// Maximum length of a file; the target is half of it.
 const MAX_FILE_LINES: usize = 400;
 
-/// What each package may depend on (DESIGN's table); tests may depend on more. Cargo itself refuses
-/// circles only.
+/// Allowed dependencies of each package (table in DESIGN); tests may depend on more. Cargo itself rejects only
+/// circles.
 const PACKAGE_DEPENDENCIES: [(&str, &[&str]); 7] = [
     ("estimation", &[]),
     ("machine", &[]),
@@ -225,8 +225,8 @@ fn used_paths(package: &Package, paths: &[&str]) -> Vec<String> {
     breaches
 }
 
-/// Groups of files that import each other: strongly connected components of the files' imports. A
-/// module's own file and the files below it count as one: it lists and joins them.
+/// Groups of files that import each other: strongly connected components of the files' imports. The file of a
+/// module and the files below it count as one, because the module lists and joins them.
 fn import_circles(package: &Package) -> Vec<String> {
     let file_of: BTreeMap<&Path, &str> = package
         .files

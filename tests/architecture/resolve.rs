@@ -1,5 +1,5 @@
-//! From a path as written to the module that defines what it names: `crate`, `self`, `super`, imported
-//! names and re-exports are followed.
+//! Resolves a path as written to the module that defines the item: `crate`, `self`, `super`, imported names and
+//! re-exports are followed.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -33,7 +33,7 @@ impl Resolver {
         }
     }
 
-    /// What the path `segments`, written in `module`, names; `None` for a local name.
+    /// Target of the path `segments`, written in `module`; `None` for a local name.
     pub fn target(&self, module: &Path, segments: &Path) -> Option<Target> {
         let mut targets = Vec::new();
         self.follow(module, segments, MAX_CHAIN, &mut targets);
@@ -74,7 +74,7 @@ impl Resolver {
         found.push(Target::Module(at));
     }
 
-    /// What `name` stands for in `module`, and the module in which that is written.
+    /// The path to which `name` refers in `module`, and the module in which that path is written.
     fn name(&self, module: &Path, name: &str, depth: usize) -> Option<(Path, Path)> {
         let depth = depth.checked_sub(1)?;
         if let Some(path) = self.names.get(&(module.clone(), name.to_owned())) {

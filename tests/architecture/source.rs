@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use syn::{Attribute, Item};
 
 pub struct Source {
-    /// From the root of the repository: `src/machine/record/plan.rs`.
+    /// Path from the root of the repository: `src/machine/record/plan.rs`.
     pub file: String,
-    /// Within its package: `["record", "plan"]`; empty for lib.rs.
+    /// Module path within its package: `["record", "plan"]`; empty for lib.rs.
     pub module: Vec<String>,
     pub syntax: syn::File,
 }

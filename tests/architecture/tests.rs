@@ -1,4 +1,4 @@
-//! Each check fails where it should, and only there.
+//! Each check fails only for its own violation.
 
 use super::{IMPURE_PATHS, UNSEEDED_RANDOM};
 use super::{import_circles, package, sibling_imports, source, upward_imports, used_paths};
@@ -79,7 +79,7 @@ fn a_circle_is_found_and_a_seam_is_none() {
         circles("use super::b::B; pub struct A(B);", "pub struct B; fn f(_: super::a::A) {}");
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(circles("use super::b::B;", "pub struct B;"), Vec::<String>::new());
-    // A module that publishes what its children define, and defines what they implement.
+    // A module that re-exports a type of its child and defines a trait that the child implements.
     let files = [
         ("", "mod child; pub use child::C; pub trait T {}"),
         ("child", "pub struct C; impl super::T for C {}"),

@@ -1,28 +1,28 @@
-//! Captures (`trued run --capture`) reduced to what is the same in every run.
+//! Captures (`trued run --capture`) reduced to the content that is the same in every run.
 //!
-//! Left out, whatever the link: times; port numbers and names of pseudo-terminals; the order of lines of different
+//! Left out for every link: times; port numbers and names of pseudo-terminals; the order of lines of different
 //! links (links follow one another). Then, by the kind of link:
 //!
-//! - `lines` (grbl): status requests `?` and reports `<...>`, which are polled in wall time. Chunks are put together
-//!   to whole lines. The first request may overtake the greeting of a control that was just opened; it is shown after
-//!   the greeting.
+//! - `lines` (grbl): status requests `?` and reports `<...>`, which are polled in wall time. Chunks are joined to
+//!   whole lines. The first request may overtake the greeting of a control that was just opened; it is written
+//!   after the greeting.
 //! - `modbus-tcp`, `modbus-rtu`: of the requests
-//!   - transaction numbers (set to 0) and check sums of RTU,
+//!   - transaction numbers (set to 0) and checksums of RTU,
 //!   - writes of the heartbeat alone, which follow wall time; its register in other writes is set to 0,
-//!   - requests for input registers (the status) but the first one;
+//!   - requests for input registers (the status) except the first one;
 //!
-//!   of the replies all but the last status before each write of `sequence`. It is shown without head, heartbeat and
-//!   tail, which count, and with the two times behind the other registers.
-//! - `samples`: nothing.
+//!   of the replies all but the last status before each write of `sequence`. It is written without head, heartbeat
+//! and tail, which count, and with the two times after the other registers.
+//! - `samples`: everything.
 
 use std::collections::BTreeMap;
 
-/// Registers of docs/line-window.md; docs/resident-program.md has the same.
+/// Register addresses of docs/line-window.md, identical in docs/resident-program.md.
 const SEQUENCE: u16 = 1;
 const HEARTBEAT: u16 = 2;
 const STATUS_HEAD: usize = 0;
 const STATUS_HEARTBEAT: usize = 11;
-/// Four registers each.
+/// Registers of the two times, four registers each.
 const STATUS_TIME: usize = 12;
 const STATUS_LATCH_TIME: usize = 16;
 
@@ -52,7 +52,7 @@ pub fn reduced(capture: &str) -> String {
     without_number(&without_number(&text, "127.0.0.1:", "PORT"), "/dev/pts/", "N")
 }
 
-/// `text` with `name` in place of each number behind `prefix`.
+/// `text` with `name` in place of each number after `prefix`.
 fn without_number(text: &str, prefix: &str, name: &str) -> String {
     let mut parts = text.split(prefix);
     let mut result = parts.next().unwrap_or_default().to_owned();
@@ -69,13 +69,13 @@ struct Link {
     lines: Vec<String>,
     sent: Vec<u8>,
     received: Vec<u8>,
-    /// The newest status, as it is shown.
+    /// The newest status, in its written form.
     status: Option<String>,
     has_status_request: bool,
 }
 
 impl Link {
-    /// The first request directly before its `ok`.
+    /// Moves the first request directly before its `ok`.
     fn greeting_first(&mut self) {
         let place =
             |beginning: &str| self.lines.iter().position(|line| line.starts_with(beginning));
@@ -162,7 +162,7 @@ fn whole_lines(buffer: &mut Vec<u8>, mark: char) -> Vec<String> {
     lines
 }
 
-/// Registers as decimal numbers, and the two times as the numbers that their registers hold.
+/// Registers as decimal numbers, followed by the two times as the numbers in their registers.
 fn status(body: &[u8]) -> String {
     let registers = body.chunks_exact(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]]));
     let mut registers: Vec<u16> = registers.collect();
@@ -188,7 +188,7 @@ struct Frame {
 }
 
 impl Frame {
-    /// The next whole one.
+    /// The next complete frame.
     fn take(buffer: &mut Vec<u8>, kind: &str, is_request: bool) -> Option<Self> {
         let (start, end, length) = match kind {
             "modbus-tcp" => {

@@ -1,4 +1,4 @@
-//! Stored output against today's: text and structure are equal, numbers within 1e-9.
+//! Compares stored output with current output: text and structure are equal, numbers within 1e-9.
 
 use std::fs;
 use std::path::PathBuf;
@@ -9,13 +9,13 @@ use super::normalise::without_hashes;
 
 const RELATIVE_TOLERANCE: f64 = 1e-9;
 const ABSOLUTE_TOLERANCE: f64 = 1e-12;
-/// Of the figures' points, µm: differences of positions of some 500 mm, which are rounded to 1e-13 mm.
+/// Tolerance of the figures' points, µm: differences of positions of some 500 mm, which are rounded to 1e-13 mm.
 const FIGURE_TOLERANCE_UM: f64 = 1e-9;
-/// A message names this many differences; all are counted.
+/// Maximum number of differences that a message lists; all are counted.
 const MAX_LISTED_DIFFERENCES: usize = 20;
 const WRITE_VARIABLE: &str = "TRUED_WRITE_BASELINE";
 
-/// Compare `actual` with the stored file `name`, or write the file where `TRUED_WRITE_BASELINE=1`.
+/// Compares `actual` with the stored file `name`, or writes the file if `TRUED_WRITE_BASELINE=1`.
 pub fn check_text(name: &str, actual: &str) {
     let Some(stored) = stored(name, actual) else { return };
     let mut differences = Differences::default();
@@ -23,7 +23,7 @@ pub fn check_text(name: &str, actual: &str) {
     differences.report(name);
 }
 
-/// Like [`check_text`], by the structure of the document: white space, order of keys and hashes do not count.
+/// Like [`check_text`], by the structure of the document: white space, order of keys and hashes are ignored.
 pub fn check_json(name: &str, actual: &Value) {
     let actual = without_hashes(&json_text(actual));
     let Some(stored) = stored(name, &actual) else { return };
@@ -34,7 +34,7 @@ pub fn check_json(name: &str, actual: &Value) {
     differences.report(name);
 }
 
-/// The content of the stored file; `None` where `actual` was written instead.
+/// The content of the stored file; `None` if `actual` was written instead.
 pub fn stored(name: &str, actual: &str) -> Option<String> {
     let file = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/data/baseline").join(name);
     if std::env::var_os(WRITE_VARIABLE).is_some() {
@@ -156,7 +156,7 @@ fn compare_line(differences: &mut Differences, line: usize, stored: &str, actual
         if !is_equal {
             let place = format!("line {line}, column {}", stored.column.max(actual.column));
             differences.add(&place, stored.text, actual.text);
-            // What follows a differing token is shifted, unless both are numbers.
+            // The text after a differing token is shifted, unless both tokens are numbers.
             if !(stored.is_number && actual.is_number) {
                 return;
             }
@@ -164,7 +164,7 @@ fn compare_line(differences: &mut Differences, line: usize, stored: &str, actual
     }
 }
 
-/// Integers are equal to the last digit; numbers of which one has a fraction or an exponent, within the tolerance.
+/// Integers must be identical; if one number has a fraction or an exponent, both must agree within the tolerance.
 fn are_numbers_equal(stored: &str, actual: &str, floor: f64) -> bool {
     let is_integer = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit() || byte == b'-');
     if stored == actual {
@@ -186,7 +186,7 @@ fn are_numbers_equal(stored: &str, actual: &str, floor: f64) -> bool {
 pub struct Token<'t> {
     pub text: &'t str,
     pub is_number: bool,
-    /// Of its first byte, from 1.
+    /// Column of its first byte, from 1.
     pub column: usize,
 }
 
@@ -224,7 +224,7 @@ fn number_end(bytes: &[u8], start: usize) -> Option<usize> {
     let fraction = if bytes.get(end) == Some(&b'.') { digits(end + 1) } else { None };
     let has_fraction = fraction.is_some();
     end = fraction.unwrap_or(end);
-    // Hexadecimal digits such as `\x1e5` and `00e5` are no powers of ten.
+    // Hexadecimal digits such as `\x1e5` and `00e5` are not powers of ten.
     let follows_lowercase = start > 0 && bytes[start - 1].is_ascii_lowercase();
     let is_hexadecimal = follows_lowercase || bytes[start] == b'0' && !has_fraction;
     if matches!(bytes.get(end), Some(b'e' | b'E')) && !is_hexadecimal {
@@ -235,8 +235,8 @@ fn number_end(bytes: &[u8], start: usize) -> Option<usize> {
     Some(end)
 }
 
-/// The keys of a document's objects on lines of their own down to the elements of its longest lists: short, and a
-/// change is found by `git diff`.
+/// JSON with the keys of objects on separate lines, down to the elements of the longest lists: short, and a change
+/// is visible in `git diff`.
 fn json_text(value: &Value) -> String {
     let mut text = String::new();
     write_json(&mut text, value, 0);

@@ -13,7 +13,7 @@ use super::workspace::Workspace;
 use crate::support::daemon_process::DaemonProcess;
 
 const MACHINE: &str = "/api/v1/machines/simulated%20five-axis%20machine";
-/// A cycle takes a second.
+/// Timeout; a cycle takes a second.
 const MAX_WAIT: Duration = Duration::from_secs(60);
 
 /// The built-in machine with HTTP, Modbus and one cycle.
@@ -60,7 +60,7 @@ impl Answer {
         }
     }
 
-    /// Without instants and hashes.
+    /// The body without times and hashes.
     fn normalised(&self) -> Value {
         let body = without_hashes(&without_times(&self.body));
         let body = serde_json::from_str(&body).unwrap_or(Value::String(body));
@@ -78,7 +78,7 @@ pub fn http_description() {
     check_json("http/openapi.json", &json_of(&daemon, "/api/v1/openapi.json"));
 }
 
-/// Of a daemon with two finished runs in its journal, before and after a cycle of its own.
+/// Answers of a daemon with two finished runs in its journal, before and after a cycle of its own.
 pub fn http_answers() {
     let workspace = workspace();
     let machine = workspace.path("machine.toml");
@@ -130,7 +130,8 @@ pub fn http_answers() {
     check_text("http/metrics.txt", &metric_names(&metrics.body));
 }
 
-/// Until the machine waits again and the result of its run is read from the journal, which happens later.
+/// Waits until the machine is idle again and the result of its run has been read from the journal, which happens
+/// later.
 fn wait_for_end(daemon: &DaemonProcess) {
     let begun = Instant::now();
     loop {
@@ -144,7 +145,8 @@ fn wait_for_end(daemon: &DaemonProcess) {
     }
 }
 
-/// Names, labels and comments, sorted: the order of labels changes. Values are counts and seconds of this process.
+/// Names, labels and comments, sorted, because the order of labels changes. Values are omitted: they are counts and
+/// seconds of this process.
 fn metric_names(text: &str) -> String {
     let name = |line: &str| match line.rsplit_once(' ') {
         Some((name, _)) if !line.starts_with('#') => format!("{name}\n"),
@@ -155,8 +157,8 @@ fn metric_names(text: &str) -> String {
     names.concat()
 }
 
-/// Every address of docs/modbus.md and those next to them, by hand-written requests: of a daemon that waits, and
-/// after a cycle.
+/// Reads every address of docs/modbus.md and the neighbouring ones by hand-written requests, from an idle daemon
+/// and after a cycle.
 pub fn modbus_map() {
     let workspace = workspace();
     let daemon = serve(&workspace);
@@ -200,7 +202,7 @@ impl Client {
         (head[7], data)
     }
 
-    /// A line for the reply; `heartbeat`: the first register counts and is shown as 0.
+    /// Formats the reply as a line; `heartbeat`: the first register is a counter and is written as 0.
     fn line(&mut self, function: u8, address: u16, count: u16, heartbeat: bool) -> String {
         let request = [address.to_be_bytes(), count.to_be_bytes()].concat();
         let (reply, mut data) = self.request(function, &request);

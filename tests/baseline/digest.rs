@@ -1,7 +1,7 @@
 //! Long output, of which only a digest is stored.
 //!
 //! A digest has one row for each block of lines: its first line, SHA-256 (8 bytes) of the text with `#` in place of
-//! each number, how many numbers there are, their weighted sum and the sum of their weighted magnitudes. Text and
+//! each number, the count of numbers, their weighted sum and the sum of their weighted magnitudes. Text and
 //! structure are equal; the weighted sums are equal within 1e-11 of the sum of magnitudes. In a block of readings
 //! that is less than 1 nm of a single coordinate.
 
@@ -15,7 +15,7 @@ use super::compare::{stored, tokens};
 const LINES_PER_BLOCK: usize = 64;
 const TOLERANCE: f64 = 1e-11;
 
-/// Compare the digest of `actual` with the stored file `name`, or write the file.
+/// Compares the digest of `actual` with the stored file `name`, or writes the file.
 pub fn check_digest(name: &str, actual: &str) {
     let digest = Digest::of(actual);
     let Some(stored) = stored(name, &digest.to_text()) else { return };
@@ -106,7 +106,8 @@ impl Block {
                 match number.filter(|_| token.is_number) {
                     Some(number) => {
                         hash.update("#");
-                        // Between 1 and 2, and another one for each number of a block: an exchange shows.
+                        // A weight between 1 and 2, different for each number of a block, so that an exchange of
+                        // numbers is detected.
                         let weight = 1.0 + (numbers as f64 * 0.618_033_988_749_894_9).fract();
                         sum += weight * number;
                         magnitude += weight * number.abs();

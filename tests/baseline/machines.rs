@@ -9,8 +9,8 @@ pub struct Case {
     pub method: &'static str,
     /// The built-in machine file.
     pub machine: &'static str,
-    /// Settings of the run: the built-in ones, but for the number of Monte Carlo trials. That number is fixed to
-    /// save time; without it JCGM 101, 7.9 decides (`--ignored` tests that).
+    /// Settings of the run: the built-in ones, except the number of Monte Carlo trials. That number is fixed to
+    /// save time; without it, it follows from JCGM 101, 7.9 (`--ignored` tests that).
     pub run_settings: &'static str,
     /// Settings of a short measurement, whose files are small.
     pub short_settings: &'static str,

@@ -1,5 +1,5 @@
-//! Baseline: the output of the program as it was stored in `tests/data/baseline/`, so that a change of its structure
-//! can be compared with it. It uses the built program, its files, HTTP and Modbus, and nothing of the library.
+//! Baseline: the output of the program as stored in `tests/data/baseline/`, so that a change of its structure can
+//! be compared with it. The tests use the built program, its files, HTTP and Modbus, but not the library.
 //!
 //! ```text
 //! cargo test --test baseline                             compares
@@ -7,8 +7,8 @@
 //! ```
 //!
 //! Text and structure are equal, integers are equal, other numbers are equal within 1e-9 relative (1e-12 absolute).
-//! Monte Carlo figures have seeds and are no exception. `normalise.rs` lists what depends on wall time. A `.digest`
-//! stands for output that is too long to be stored, see `digest.rs`.
+//! This includes Monte Carlo results, because they have seeds. `normalise.rs` lists the output that depends on wall
+//! time. A `.digest` replaces output that is too long to be stored, see `digest.rs`.
 
 mod capture;
 mod compare;

@@ -1,4 +1,4 @@
-//! What depends on wall time or on the computer, and what stands in its place.
+//! Replaces output that depends on wall time or on the computer.
 //!
 //! | output | field | in its place |
 //! |---|---|---|
@@ -7,10 +7,10 @@
 //! | `trued watch --json` | `t_s`: wall time of a sample | left out |
 //! | capture | see `capture.rs` | |
 //! | Modbus server | input register 0, `heartbeat` | 0 |
-//! | HTTP, report, estimate | SHA-256 of plan, readings, estimate and machine file: of figures to the last bit, and of comments | `SHA256` |
+//! | HTTP, report, estimate | SHA-256 of plan, readings, estimate, machine file (last bits, comments) | `SHA256` |
 //! | HTTP `/metrics` | values: counts and seconds of the process; the order of labels | left out; sorted |
 //!
-//! Readings, plans and programs have nothing of the kind.
+//! Readings, plans and programs contain no such output.
 
 pub const INSTANT: &str = "INSTANT";
 
@@ -54,7 +54,7 @@ pub fn without_hashes(text: &str) -> String {
     replaced.collect()
 }
 
-/// Without the lines that begin so.
+/// `text` without the lines that start with one of `beginnings`.
 pub fn without_lines(text: &str, beginnings: &[&str]) -> String {
     let kept = text.lines().filter(|line| !beginnings.iter().any(|begin| line.starts_with(begin)));
     kept.map(|line| format!("{line}\n")).collect()

@@ -8,15 +8,15 @@ use super::workspace::{Workspace, stderr};
 /// Folders of gcode-templates/.
 const DIALECTS: [&str; 3] = ["grbl", "grbl-m19", "linuxcnc"];
 
-/// As JSON and in words, of the built-in machine.
+/// The plan of the built-in machine, as JSON and as text.
 pub fn plan(case: &Case) {
     let (workspace, method) = (Workspace::new(), case.method);
     check_json(&format!("plans/{method}.json"), &workspace.json(&["plan", method, "--json"]));
     check_text(&format!("plans/{method}.txt"), &workspace.stdout(&["plan", method]));
 }
 
-/// Of the built-in machine, with what the proof says on standard error. A dialect that cannot express the plan is
-/// refused; the refusal is stored.
+/// The programs for the built-in machine, with the proof's messages on standard error. A dialect that cannot
+/// express the plan is refused; the refusal is stored.
 pub fn programs(case: &Case) {
     let workspace = Workspace::with_machine(&case.short_machine());
     let (method, machine) = (case.method, workspace.path("machine.toml"));

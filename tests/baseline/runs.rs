@@ -11,17 +11,17 @@ use super::machines::{CASES, Case};
 use super::normalise::{without_hashes, without_lines, without_times};
 use super::workspace::{Workspace, stderr};
 
-/// Output of one run, as its commands and its export give it.
+/// Output of one run: of its commands and of its export.
 pub struct Run {
     /// Standard output of `trued run --json`.
     estimate: Value,
-    /// Standard error of the same.
+    /// Standard error of `trued run --json`.
     progress: String,
     plan: Value,
     readings: String,
     capture: String,
     report: String,
-    /// `trued show`.
+    /// Output of `trued show`.
     summary: String,
 }
 
@@ -44,7 +44,7 @@ impl Run {
         }
     }
 
-    /// Estimate, readings and reduced capture in full.
+    /// Compares estimate, readings and reduced capture in full.
     pub fn check(&self, folder: &str, name: &str) {
         check_json(&format!("{folder}/{name}-estimate.json"), &self.estimate);
         check_text(&format!("{folder}/{name}-readings.csv"), &self.readings);
@@ -59,7 +59,7 @@ fn run_of(case: &Case) -> &'static Run {
     RUNS[index].get_or_init(|| Run::of(case.method, &case.run_machine()))
 }
 
-/// Of the run: it differs from the nominal plan by what the run has found.
+/// The plan of the run: it differs from the nominal plan by the positions that the run measured.
 pub fn plan(case: &Case) {
     let plan = serde_json::to_string_pretty(&run_of(case).plan).unwrap();
     check_digest(&format!("runs/{}-plan.digest", case.method), &plan);
@@ -107,14 +107,14 @@ pub fn short(case: &Case) {
     check_json(&format!("short/{method}-estimate.json"), &estimate);
 }
 
-/// With the built-in number of Monte Carlo trials.
+/// The estimate with the built-in number of Monte Carlo trials.
 pub fn default_estimate(case: &Case) {
     let workspace = Workspace::new();
     let estimate = workspace.json(&["run", case.method, "--json"]);
     check_json(&format!("runs/{}-default-estimate.json", case.method), &estimate);
 }
 
-/// The text between the tags of a page, a line each, without style sheets and scripts.
+/// The text between the tags of a page, one piece per line, without style sheets and scripts.
 fn visible_text(html: &str) -> String {
     let (mut text, mut rest) = (String::new(), html);
     while let Some((before, tag)) = rest.split_once('<') {

@@ -1,5 +1,5 @@
-//! What the drivers of sensors and thermometers send over TCP to a peer with fixed replies, and what they make of
-//! the replies.
+//! Bytes that the drivers of sensors and thermometers send over TCP to a peer with fixed replies, and their
+//! interpretation of the replies.
 
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -12,9 +12,10 @@ use super::compare::check_text;
 use super::machines::{LASER, SELF_CALIBRATION, with_method};
 use super::workspace::{Workspace, replace_lines, stderr};
 
-/// Distances repeat after so many samples; the fourth one is no distance.
+/// Number of samples after which distances repeat; the fourth sample is not a distance.
 const PERIOD: u32 = 8;
-/// Samples that are read of each sensor: the driver may leave out the first ones of a sensor that sends by itself.
+/// Number of samples that are read from each sensor: the driver may omit the first ones of a sensor that sends
+/// without requests.
 const SAMPLES: usize = 3 * PERIOD as usize;
 
 /// A peer on a free port of this computer, for one connection; it sends its log of requests.
@@ -36,7 +37,7 @@ impl Peer {
         Self { port, requests }
     }
 
-    /// The first `count` requests, a line each.
+    /// The first `count` requests, one per line.
     fn requests(&self, count: usize) -> String {
         let shown = |request: Vec<u8>| format!("> {}\n", request.escape_ascii());
         self.requests.iter().take(count).map(shown).collect()
@@ -72,8 +73,8 @@ fn on_request(sample: impl Fn(u32) -> Vec<u8> + Send + 'static) -> Peer {
     })
 }
 
-/// A Modbus TCP server that answers each request for registers with the next content. In the log the transaction
-/// number is zero: it counts.
+/// A Modbus TCP server that answers each register request with the next content. In the log the transaction number
+/// is zero, because it is a counter.
 fn modbus(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> Peer {
     Peer::start(move |mut stream, log| {
         for index in 0.. {
@@ -98,8 +99,8 @@ fn modbus(registers: impl Fn(u32) -> Vec<u16> + Send + 'static) -> Peer {
     })
 }
 
-/// Samples as `trued watch` prints them, without their time, which is wall time: one period, from the sample without
-/// a distance on.
+/// Samples as `trued watch` prints them, without their wall time: one period, from the sample without a distance
+/// on.
 fn watched(sensor: &str) -> String {
     let from = "[sensor.simulated]\nspeaks = \"can\"\nwire = \"memory\"\n";
     let workspace = Workspace::with_machine(&replace_lines(LASER, &[(from, sensor)]));
@@ -118,7 +119,7 @@ fn watched(sensor: &str) -> String {
     period.take(PERIOD as usize).map(|sample| format!("{sample}\n")).collect()
 }
 
-/// In units of 10 nm.
+/// Distance in units of 10 nm.
 fn distance(index: u32) -> Option<i32> {
     let index = index % PERIOD;
     (index != 3).then_some(-12_345 + 1_111 * i32::try_from(index).unwrap())
@@ -187,8 +188,7 @@ pub fn registers() {
     check_text("sensors/modbus.txt", &(samples + &peer.requests(PERIOD as usize)));
 }
 
-/// The thermometer is polled in wall time, so of its requests the first one alone is kept. Its value stands in every
-/// reading.
+/// The thermometer is polled in wall time, so only its first request is kept. Its value is in every reading.
 pub fn thermometer_registers() {
     let peer = modbus(|_| vec![215]);
     let from = "[thermometer.simulated]\n";

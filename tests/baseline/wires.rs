@@ -36,8 +36,8 @@ pub fn resident_program_on_pty() {
     check_control("resident-program-pty", "speaks = \"modbus-program\"\nwire = \"pty\"\n");
 }
 
-/// Sensors that send by themselves over a pseudo-terminal or a bus measure in wall time: no run is the same twice.
-/// They are left out.
+/// Sensors that send without requests over a pseudo-terminal or a bus measure in wall time, so that no two runs are
+/// identical. They are left out.
 fn check_sensor(name: &str, keys: &str) {
     let from = "speaks = \"can\"\nwire = \"memory\"\n";
     let machine = replace_lines(LASER, &[(from, keys)]);
@@ -58,8 +58,8 @@ pub fn modbus_sensor_on_tcp() {
     check_sensor("sensor-modbus-tcp", "speaks = \"modbus\"\nwire = \"tcp\"\n");
 }
 
-/// A run of the real LinuxCNC 2.9: every request and file of the driver is compared with the capture, and its
-/// replies come from there.
+/// A run of the real LinuxCNC 2.9: every request and file of the driver is compared with the capture, and the
+/// replies come from the capture.
 pub fn replay_of_linuxcnc() {
     let machine = include_str!("../data/linuxcnc/machine.toml");
     let workspace = Workspace::with_machine(&format!("{machine}monte_carlo_trials = 1000\n"));

@@ -1,4 +1,4 @@
-//! The program in a folder of its own: machine file, journal, outputs.
+//! The program in a separate folder: machine file, journal, outputs.
 
 use std::fs;
 use std::process::{Command, Output};
@@ -14,7 +14,7 @@ impl Workspace {
         Self { folder: tempfile::tempdir().unwrap() }
     }
 
-    /// With `machine.toml`.
+    /// A workspace with this `machine.toml`.
     pub fn with_machine(text: &str) -> Self {
         let workspace = Self::new();
         fs::write(workspace.path("machine.toml"), text).unwrap();
@@ -30,7 +30,7 @@ impl Workspace {
         fs::read_to_string(&path).unwrap_or_else(|error| panic!("{path}: {error}"))
     }
 
-    /// `trued` with its journal here.
+    /// `trued` with its journal in this workspace.
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
         command.args(arguments).args(["--state", &self.path("state")]);

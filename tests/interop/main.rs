@@ -1,5 +1,5 @@
-//! Interoperability with foreign programs: LinuxCNC, grblHAL, pymodbus, python3, the CAN of a real kernel, Chromium.
-//! A trial whose program is missing is skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` it fails.
+//! Interoperability with third-party programs: LinuxCNC, grblHAL, pymodbus, python3, the CAN of a real kernel,
+//! Chromium. A trial whose program is missing is skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` it fails.
 
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 

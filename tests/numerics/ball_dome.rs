@@ -1,5 +1,5 @@
-//! What a calibration is worth (paper 4), end to end: SAMBA, then the dome, on worlds that know more than the thirteen
-//! errors. The world turns its errors into poses by its own chain.
+//! Uncertainty of a calibration (paper 4), end to end: SAMBA, then the dome, on worlds with more errors than the
+//! thirteen of the model. The world computes poses from its errors by its own chain.
 
 use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::reading::Reading;
@@ -15,7 +15,7 @@ use testing::population::is_full;
 
 type Changes = Vec<(&'static str, Value)>;
 
-/// A built-in machine with other values; path: keys with dots between.
+/// A built-in machine with other values; path: keys joined by dots.
 fn machine(text: &str, seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
@@ -30,7 +30,7 @@ fn estimate(method: &str, file: &MachineFile, priors: Vec<Estimate>) -> Estimate
     in_world(method, [file, file], priors)
 }
 
-/// `files`: of the program, and of the world.
+/// `files`: the machine file of the program, and that of the world.
 fn in_world(method: &str, files: [&MachineFile; 2], priors: Vec<Estimate>) -> Estimate {
     let (method, mut header) = setup::header(files[0], method, None).unwrap();
     header.priors = priors;
@@ -43,7 +43,7 @@ fn in_world(method: &str, files: [&MachineFile; 2], priors: Vec<Estimate>) -> Es
 const SAMBA: &str = include_str!("../../config/samba.toml");
 pub const DOME: &str = include_str!("../../config/ball-dome.toml");
 
-/// SAMBA, then the dome with its estimate, on machine files that `of` changes.
+/// SAMBA, then the dome with its estimate, on machine files changed by `of`.
 fn both(seed: u64, of: fn(&str) -> String, changes: &[(&'static str, Value)]) -> Estimate {
     let [samba, dome] = [SAMBA, DOME].map(|text| machine(&of(text), seed, changes));
     estimate("ball-dome", &dome, vec![estimate("samba", &samba, Vec::new())])
@@ -53,7 +53,7 @@ fn value(estimate: &Estimate, symbol: &str) -> f64 {
     estimate.parameters.iter().find(|parameter| parameter.symbol == symbol).unwrap().value
 }
 
-/// Largest and mean deviation fall by four fifths from N1 to S3.
+/// Asserts that the largest and the mean deviation decrease by at least four fifths from N1 to S3.
 fn falls(estimate: &Estimate) {
     for of in ["max", "mean"] {
         let [n1, s3] = ["N1", "S3"].map(|name| value(estimate, &format!("{name}_{of}")));
@@ -62,7 +62,7 @@ fn falls(estimate: &Estimate) {
     }
 }
 
-/// A world that holds nothing but the thirteen errors and the stylus: what it gives is true.
+/// Changes for a world with only the thirteen errors and the stylus: its result is the true value.
 fn exact() -> Changes {
     let nothing = [
         "axes.X.error_motion_um",
@@ -86,8 +86,8 @@ fn exact() -> Changes {
     nothing.into_iter().chain(fine.map(|path| (path, Value::Float(0.001)))).collect()
 }
 
-/// Steel that is 2 K warmer is 23 µm/m longer. On a machine without errors this is what a dome deviates by that does not
-/// state it: a rigid fit leaves 23 µm/m of the distances from the centroid.
+/// Steel that is 2 K warmer is 23 µm/m longer. On a machine without errors, this is the deviation of a dome whose
+/// temperature is stated wrongly: a rigid fit leaves 23 µm/m of the distances from the centroid.
 #[test]
 fn a_dome_is_longer_where_it_is_warm() {
     let at = |temperature_c: f64, u_temperature_k: f64| {
@@ -112,16 +112,17 @@ fn a_dome_is_longer_where_it_is_warm() {
     let ((stated, _), (wrong, _), (unknown, u)) =
         (n1(&at(22.0, 0.0)), n1(&at(20.0, 0.0)), n1(&at(20.0, 2.0)));
     println!("N1_mean {stated:.2}, {wrong:.2} and {unknown:.2} µm, u {u:.2}");
-    // The standard deviation of |1 + z| is 0.80 where z is of standard normal distribution.
+    // The standard deviation of |1 + z| is 0.80 for a standard normal z.
     assert!(stated < 0.1 && (2.0..4.0).contains(&wrong) && (0.7..0.9).contains(&(u / wrong)));
 }
 
-/// The styluses, and the means where they are many times the noise, against those of the exact world of the same seed.
+/// Compares the styluses, and the means that are many times the noise, with those of the exact world of the same
+/// seed.
 #[test]
 fn u_is_true() {
     let seeds = if is_full() { 100 } else { 2 };
     let of_seed = |seed: u64| {
-        // How far the table has crept by then is in every stylus.
+        // Without drift, because the drift up to then is part of every stylus.
         let still = [("machine.drift_um_per_h", Value::Float(0.0))];
         let (measured, truth) =
             (both(seed, str::to_owned, &still), both(seed, str::to_owned, &exact()));
@@ -146,7 +147,7 @@ fn u_is_true() {
     }
     let [styluses, means] = pooled.map(|(sum, count)| sum / count);
     println!("styluses {styluses:.2}, means {means:.2}");
-    // Noise lengthens every deviation a little: the means lie 0.1 to 0.4 µm high.
+    // Noise increases every deviation a little: the means are 0.1 to 0.4 µm too large.
     assert!((0.2..1.6).contains(&styluses) && means < 3.0, "{styluses} {means}");
 }
 
@@ -154,7 +155,7 @@ fn is_contradicted(estimate: &Estimate) -> bool {
     estimate.verdict == Verdict::UndecidedModel
 }
 
-/// Error motions, drift, certificate and probe as declared: the deviations of S3 are what they make.
+/// Error motions, drift, certificate and probe as declared: they explain the deviations of S3.
 #[test]
 fn the_calibrated_machine_is_as_good_as_declared() {
     let seeds = if is_full() { 40 } else { 2 };
@@ -167,8 +168,8 @@ fn the_calibrated_machine_is_as_good_as_declared() {
     assert!((0.85..1.15).contains(&mean) && contradicted <= seeds as usize / 20);
 }
 
-/// The dome gives way as it tilts by 6.5 µm on average, and its clamping by 0.6 µm (paper 4, section 6): more than
-/// the model holds, and said.
+/// The dome deflects by 6.5 µm on average as it tilts, and its clamping by 0.6 µm (paper 4, section 6): the model
+/// does not contain it, and the estimate reports it.
 #[test]
 fn a_dome_that_gives_way_is_noticed() {
     let sag: Table = "axis = \"B\"\nlaw = \"sin\"\num = [5.5, 0.0, 7.4]".parse().unwrap();
@@ -191,7 +192,7 @@ fn planned_min(file: &MachineFile) -> f64 {
 }
 
 /// A ball that is searched for once is measured in three quarters of the time of one that is searched for at every
-/// indexation, and the result is as certain.
+/// indexation, with the same uncertainty.
 #[test]
 fn one_search_saves_a_quarter_of_the_time_and_no_certainty() {
     if !is_full() {
@@ -226,8 +227,9 @@ fn watched(drift_um_per_h: f64, watch_min: f64) -> Result<Vec<Reading>, Refused>
         .map(|(_, readings)| readings)
 }
 
-/// A table that creeps as declared is watched for four minutes or a little longer; one that creeps ten times faster six
-/// times as long, and the run does not begin. Nor does it where so short a time cannot show rest.
+/// A table with the declared drift is monitored for four minutes or slightly longer. With ten times the drift it is
+/// monitored six times as long, and the run does not begin; neither does it where the time is too short to show
+/// that the machine is at rest.
 #[test]
 fn a_machine_that_is_not_at_rest_is_watched() {
     let readings = watched(2.0, 4.0).unwrap();

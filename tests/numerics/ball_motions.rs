@@ -1,4 +1,4 @@
-//! Balls, planned: the paper's set of balls on a machine like the one that is built in, 109
+//! Motion planning of ball measurements: the paper's set of balls on a machine similar to the built-in one, 109
 //! measurements in 32 indexations.
 
 use machine::record::artefact::{Artefact, Balls};
@@ -13,7 +13,7 @@ use planning::{
     touch_block,
 };
 
-/// The built-in machine with the paper's order of axes, room for its balls and a longer stylus.
+/// The built-in machine with the axis order of the paper, space for its balls and a longer stylus.
 fn rumba() -> Plan {
     let file = include_str!("../../config/simulated.toml");
     let head = file.split("[artefact]").next().unwrap();
@@ -61,8 +61,8 @@ fn balls(plan: &Plan) -> &Balls {
     }
 }
 
-/// One measurement of each ball that is free, at most four of them: 109 in the first positions of a
-/// list as one writes it down.
+/// One measurement of each accessible ball, at most four at each indexation: 109 in the first positions of a plain
+/// list.
 fn design(plan: &Plan, access: &Access) -> Vec<(Position, Vec<usize>)> {
     let tilts = [0.0, 10.0, -10.0, 30.0, -30.0, 60.0, -60.0, 90.0, -90.0];
     let turns = [0.0, 90.0, 180.0, 270.0];
@@ -77,7 +77,7 @@ fn design(plan: &Plan, access: &Access) -> Vec<(Position, Vec<usize>)> {
             .map(|(axis, degrees)| (axis, axis.from_edge(degrees)))
             .collect();
         let free = |ball: &usize| access.accessible(&task(plan, *ball, &rotary, SEARCH)).is_ok();
-        // Another ball is left out each time.
+        // A different ball is left out each time.
         let from = quarter % 6;
         let some: Vec<usize> = (from..from + 6).map(|ball| ball % 6).filter(free).collect();
         let some: Vec<usize> = some.into_iter().take(4.min(left)).collect();
@@ -119,7 +119,7 @@ fn steps(
     steps
 }
 
-/// By tilt, C forward at one and back at the next; the balls of each on a short way.
+/// Order by tilt, C forward at one tilt and back at the next; the balls of each indexation in a short order.
 fn in_order(
     plan: &Plan,
     access: &Access,
@@ -144,8 +144,8 @@ fn in_order(
     visits
 }
 
-/// One touch after the other, to the upper end of Z between any two; as fast and as carefully as our
-/// own: guarded only where something is near.
+/// One touch after the other, with a retract to the upper end of Z between any two. Speed and caution are the same
+/// as in our plan: guarded only near a body.
 fn naive_s<'a>(plan: &Plan, steps: impl IntoIterator<Item = (&'a Step, &'a Clearance)>) -> f64 {
     let mut stands = Position::new();
     let mut seconds = 0.0;
@@ -165,7 +165,7 @@ fn share(name: &str, touches: usize, ours_s: f64, naive_s: f64) -> f64 {
     ours / naive
 }
 
-/// A stage, and what its ways are planned about.
+/// A stage, and the artefact about which its paths are planned.
 struct Planned {
     stage: Stage,
     found: Option<Artefact>,
@@ -189,12 +189,12 @@ fn built_in(settings: &str) -> (Plan, Vec<Planned>) {
     (plan, stages)
 }
 
-/// Whoever knows where the machine stands has touched before.
+/// If the machine position is known, touches have confirmed it before.
 fn confirmed(stands: Option<&Position>) -> Confirmed {
     stands.map_or(Confirmed::default(), |_| Confirmed::all())
 }
 
-/// As a run goes, each touch from where the last one ended; and the machine time.
+/// Blocks as in a run, each touch from the end of the last one; and the machine time.
 fn run<'a>(
     plan: &Plan,
     steps: impl IntoIterator<Item = (&'a Step, &'a Clearance)>,
@@ -220,9 +220,9 @@ impl Planned {
     }
 }
 
-/// What the program ships: its machine, its design, its stages, as `trued run samba` plans them. Naive:
-/// the same indexations as they stand in the list of positions, the balls by their numbers and the
-/// touches as in paper 4, searched for and measured at each; without our references.
+/// The built-in machine, design and stages, as `trued run samba` plans them. The naive order has the same
+/// indexations in the order of the position list, the balls by number and the touches as in paper 4, with a search
+/// and a measurement at each; without our references.
 #[test]
 fn regress_109_balls_of_the_built_in_machine_take_at_most_60_percent_of_the_naive_order() {
     let (plan, stages) = built_in("");
@@ -242,7 +242,7 @@ fn regress_109_balls_of_the_built_in_machine_take_at_most_60_percent_of_the_naiv
     assert!(share("built in, find and slow", plan.steps.len(), ours_s, naive_s) <= 0.45);
 }
 
-/// What the design calls accessible is proven, stage by stage, as a run proves it before it moves.
+/// Every touch that the design considers accessible is proven, stage by stage, as in a run before it moves.
 #[test]
 fn every_named_design_of_the_built_in_machine_is_proven() {
     for settings in
@@ -262,7 +262,8 @@ fn every_named_design_of_the_built_in_machine_is_proven() {
     }
 }
 
-/// Touching and backing off, which no order changes; from ball to ball; from touch to touch of one ball.
+/// Prints the time of touches and back-offs, which is independent of the order; from ball to ball; and from touch
+/// to touch of one ball.
 fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
     let mut stands = Position::new();
     let (mut touching, mut balls, mut round) = (0.0, 0.0, 0.0);
@@ -281,15 +282,15 @@ fn say_where_the_time_goes(plan: &Plan, blocks: &[Block]) {
     );
 }
 
-/// A slower touch (30 mm/min), a lower Z and other balls. Slow touches alone just hold it: of 39.3 minutes
-/// of the naive order 15.0 are touching, which no order changes.
+/// A slower touch (30 mm/min), a lower Z and other balls. With slow touches alone the limit is only just met: of
+/// the 39.3 minutes of the naive order 15.0 are touches, which are independent of the order.
 #[test]
 fn regress_109_balls_take_at_most_60_percent_of_the_naive_order() {
     let mut plan = rumba();
     let access = Access::new(&plan, &plan.artefact).unwrap();
     let visits = design(&plan, &access);
     let ordered = in_order(&plan, &access, &visits);
-    // Slow touches know where the balls stand, as in a run.
+    // The slow touches start from found ball positions, as in a run.
     let found = Artefact::Balls(Balls { uncertainty_mm: 0.25, ..balls(&plan).clone() });
     let [searched, known] =
         [&plan.artefact, &found].map(|artefact| Clearance::over(&plan, artefact).unwrap());
@@ -316,7 +317,7 @@ fn regress_the_motions_are_proven() {
     proven(&plan, &[Staged { steps: &ids, found: None }], None, &blocks).unwrap();
 }
 
-/// `Err`: the refusal, and the lines about it.
+/// `Err`: the refusal, and the lines around it.
 fn proven(
     plan: &Plan,
     stages: &[Staged<'_>],

@@ -1,6 +1,6 @@
 //! Coverage of the ball plate's curves (METHODS section 6) through the simulated machine: the printed plan is
-//! played on worlds that differ in their seed. The error motions are those of the machine file; the world turns
-//! them into poses by its own chain.
+//! played on worlds that differ in their seed. The error motions are those of the machine file; the world computes
+//! poses from them by its own chain.
 
 use std::f64::consts::TAU;
 
@@ -21,15 +21,15 @@ use crate::touch_alone::touch_alone;
 use estimation::random::stream;
 use testing::population::{coverage_population, is_full};
 
-/// In the middle of the played plan, which takes 3430 s.
+/// Time at which a ball comes loose: the middle of the played plan, which takes 3430 s.
 const LOOSE_FROM_S: f64 = 1700.0;
-/// Key of the stream that chooses the missing visits.
+/// Key of the random stream that selects the missing visits.
 const MISSING: u64 = 0x6d69_7373;
 const MOTIONS: [&str; 6] = ["EXC", "EYC", "EZC", "EAC", "EBC", "ECC"];
 
 type Changes = Vec<(&'static str, Value)>;
 
-/// The built-in machine with other values; path: keys with dots between.
+/// The built-in machine with other values; path: keys joined by dots.
 pub fn machine(seed: u64, changes: &[(&'static str, Value)]) -> MachineFile {
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
@@ -63,7 +63,7 @@ fn layout(steps: &[usize], positions: usize, harmonics: usize) -> Changes {
     ]
 }
 
-/// An eighth of the touches: where many seeds are run, they say more than many stops.
+/// An eighth of the touches: in a short test many seeds are better evidence than many stops.
 pub fn small() -> Changes {
     layout(&[0, 4, 6, 9], 12, 5)
 }
@@ -76,7 +76,7 @@ fn two_revolutions() -> Changes {
     ]
 }
 
-/// Harmonic of an error motion of the machine file, in the unit of the estimate.
+/// A harmonic of an error motion in the machine file, in the unit of the estimate.
 struct Term {
     symbol: String,
     harmonic: f64,
@@ -119,7 +119,7 @@ impl Rig {
         setup::world(&machine(seed, &self.changes)).unwrap()
     }
 
-    /// Error motion at an angle, in the unit of the estimate.
+    /// True error motion at an angle, in the unit of the estimate.
     fn truth(&self, symbol: &str, degrees: f64) -> f64 {
         let of_symbol = self.motions.iter().filter(|term| term.symbol == symbol);
         let value = |term: &Term| {
@@ -134,7 +134,7 @@ impl Rig {
         self.estimate_by(seed, missing, touch_alone)
     }
 
-    /// `play`: makes a touch, with or without the ways between touches.
+    /// `play`: makes a touch, with or without the paths between touches.
     fn estimate_by(
         &self,
         seed: u64,
@@ -156,7 +156,7 @@ impl Rig {
         self.method.identify(&self.plan, &readings).unwrap()
     }
 
-    /// Of each error motion: share of the points of its curve whose U holds the truth.
+    /// For each error motion: share of the points of its curve whose U contains the true value.
     fn covered(&self, estimate: &Estimate) -> [f64; 6] {
         MOTIONS.map(|symbol| {
             let curve = function(estimate, symbol);
@@ -180,7 +180,7 @@ fn mean(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     values.sum::<f64>() / count
 }
 
-/// The points of the curve of each error motion, over all seeds.
+/// Checks the coverage over the points of the curve of each error motion, over all seeds.
 fn covers(name: &str, changes: Changes, missing: f64) {
     let (seeds, shares) = coverage_population();
     let rig = Rig::new(if is_full() { changes } else { [small(), changes].concat() });
@@ -212,7 +212,7 @@ fn u_is_true_on_a_poor_machine_with_a_twentieth_of_the_visits_missing() {
     covers("poor, 5 % missing", changes, 0.05);
 }
 
-/// A value for each stop, in place of harmonics.
+/// One value for each stop instead of harmonics.
 #[test]
 fn values_at_the_stops_hold_the_truth() {
     let values = ("method.ball-plate.values", Value::Boolean(true));
@@ -233,7 +233,7 @@ fn sub_harmonics_are_drawn_over_all_revolutions() {
     assert!(mean(rig.covered(&estimate).into_iter()) > 0.9);
 }
 
-/// The largest U of each curve, against that of a run. In the second world most of it is drift.
+/// Compares the largest forecast U of each curve with that of a run. In the second world most of it is drift.
 #[test]
 fn u_is_foretold_before_motion() {
     let drift = vec![
@@ -274,7 +274,7 @@ fn least_squares_is_compared_with_the_four_steps() {
     assert!(line(&Rig::new(small()), 0.0).contains("they need balls at equal angles"));
 }
 
-/// A motion of the period of two revolutions changes its sign between them. Drift terms would take most of it.
+/// A motion with a period of two revolutions changes its sign between them. Drift terms would absorb most of it.
 #[test]
 fn single_revolutions_show_what_does_not_repeat() {
     let motion: Table = "axis = 'C'\nlinear_um = 5.0\nsub_harmonics = 2".parse().unwrap();
@@ -304,7 +304,7 @@ fn single_revolutions_show_what_does_not_repeat() {
     assert_eq!((places.x.len(), places.x[11].round(), places.x[12]), (24, 330.0, 0.0));
 }
 
-/// 20 µm between the first revolution and the second.
+/// The ball moves by 20 µm between the first revolution and the second.
 #[test]
 fn a_ball_that_comes_loose_is_named() {
     let mut moved: Table = Table::new();

@@ -1,5 +1,6 @@
-//! The targets of multiprobe's centring prompt: the artefact is moved in the simulated world by what the prompt says,
-//! and the sensors of that world are compared with the targets. The world computes distances by its own surfaces.
+//! Targets of multiprobe's centring prompt: the artefact is moved in the simulated world by the values of the
+//! prompt, and the sensors of that world are compared with the targets. The world computes distances from its own
+//! surfaces.
 
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage, StepKind};
@@ -11,12 +12,12 @@ use trued::setup::{self, MachineFile};
 
 use crate::support::plan_player;
 
-/// Of the foot, mm, and the lean of the cylinder, as the table stands at zero.
+/// Offset of the foot, mm, and tilt of the cylinder, with the table at zero.
 const OFFSET_MM: [f64; 2] = [0.090, -0.060];
 const TILT_URAD: [f64; 2] = [400.0, 300.0];
-/// Sections of `config/multiprobe.toml`, from the foot.
+/// Heights of the sections of `config/multiprobe.toml` above the foot.
 const SECTIONS_MM: [f64; 2] = [60.0, 120.0];
-/// Samples of each sensor.
+/// Number of samples of each sensor.
 const SAMPLES: usize = 20;
 
 /// The first round of centring and the prompt after it, without a second round.
@@ -54,7 +55,7 @@ fn machine(offset_mm: [f64; 2], tilt_urad: [f64; 2]) -> MachineFile {
     MachineFile::parse("world.toml", toml::to_string(&table).unwrap()).unwrap()
 }
 
-/// What the prompt says: each section is to be moved by this along X and Y, mm.
+/// Displacements in the prompt, for each section along X and Y, mm.
 fn told_mm(text: &str) -> [[f64; 2]; 2] {
     let number = |text: &str| text.split(" µm").next().unwrap().parse::<f64>().unwrap() * 1e-3;
     [1, 2].map(|section| {
@@ -79,7 +80,7 @@ fn sensors_read_their_targets_once_the_artefact_is_moved_as_the_prompt_says() {
     let (plan, _) = plan_player::measure(&mut world, &FirstRound(method), header);
     let [.., turn, prompt] = plan.steps.as_slice() else { panic!("{:?}", plan.steps) };
     let told = told_mm(prompt.text.as_deref().unwrap());
-    // The table stands at a whole revolution: its frame is that of the machine, but for the shape of the axis.
+    // The table is at a whole revolution: its frame equals that of the machine, except for the form of the axis.
     for (section, z_mm) in SECTIONS_MM.into_iter().enumerate() {
         for k in [0, 1] {
             let truly = OFFSET_MM[k] + TILT_URAD[k] * 1e-6 * z_mm;

@@ -1,4 +1,4 @@
-//! Two runs of one simulated machine: is the U of their difference true?
+//! Two runs of one simulated machine: coverage of the U of their difference.
 
 use methods::decision::difference::{common_sources, differences};
 use methods::decision::function_difference::function_differences;
@@ -7,7 +7,7 @@ use trued::setup::{self, MachineFile};
 use crate::support::plan_player;
 use testing::population::{is_full, population};
 
-/// Without drift: what is compared does not change between the runs. Lobing is the largest source.
+/// Without drift, so that the compared values do not change between the runs. Lobing is the largest source.
 fn machine(seed: u64) -> MachineFile {
     let mut text = include_str!("../../config/simulated.toml").to_owned();
     for (from, to) in [
@@ -25,7 +25,7 @@ fn machine(seed: u64) -> MachineFile {
 #[test]
 fn u_of_a_difference_is_true_where_sources_are_common() {
     let worlds = population(200);
-    // 4 parameters a world; 95.45 % expected, ± 3 standard deviations of the binomial distribution.
+    // 4 parameters for each world; 95.45 % expected, ± 3 standard deviations of the binomial distribution.
     let shares = if is_full() { 0.93..=0.977 } else { 0.88..=1.0 };
     let (mut held, mut count, mut points_held, mut points) = (0.0, 0.0, 0.0, 0.0);
     for seed in 0..worlds {
@@ -56,6 +56,6 @@ fn u_of_a_difference_is_true_where_sources_are_common() {
         "{share:.4} of the parameters and {of_points:.4} of the points agree, {worlds} worlds"
     );
     assert!(shares.contains(&share), "{share}");
-    // The u of points count as independent, which they are not: U is too large.
+    // The u of the points are treated as independent, although they are not: U is too large.
     assert!(of_points >= *shares.start(), "{of_points}");
 }

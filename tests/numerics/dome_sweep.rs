@@ -1,6 +1,7 @@
-//! The whole program of the dome against a simple program that shares nothing with the proof: the text is read word
-//! by word, the machine stands by its own homogeneous matrices, and balls along the tool are looked for in all other
-//! bodies. It sees less than there is: what it sees is a collision that the proof let pass.
+//! Checks the whole program of the dome with a simple program that is independent of the proof: it parses the text
+//! word by word, computes the machine pose by its own homogeneous matrices, and checks balls along the tool for
+//! overlap with all other bodies. It detects only a part of all collisions; each one that it detects is an error of
+//! the proof.
 
 use std::collections::BTreeMap;
 
@@ -14,9 +15,9 @@ use crate::ball_dome::{DOME, on_a_and_y};
 use crate::machine_text::parsed;
 use crate::proof_sweep::{Matrix, Point, Solid, length, minus, moved, times, turned, unmapped};
 
-/// Between two looks, mm and degrees.
+/// Distance between two checks, mm and degrees.
 const STEP: f64 = 1.0;
-/// Of the stylus ball's surface from that of the ball that it touches, mm.
+/// Gap between the surfaces of stylus ball and touched ball that counts as contact, mm.
 const TOUCHES_AT: f64 = 1e-3;
 
 /// X, Y, Z in mm; A or B, and C in degrees.
@@ -24,14 +25,15 @@ type Axes = [f64; 5];
 
 #[derive(Clone, Copy)]
 enum Kind {
-    /// `w-C-B-X-F-Z-Y-S-t`.
+    /// Topology `w-C-B-X-F-Z-Y-S-t`.
     BuiltIn,
-    /// `w-C-A-Y-F-X-Z-S-t`.
+    /// Topology `w-C-A-Y-F-X-Z-S-t`.
     OnAAndY,
 }
 
 impl Kind {
-    /// What carries the workpiece moves by minus the command (ISO 841). Frames of the part that tilts, and of the table.
+    /// Frames of the tilting part and of the table. An axis that carries the workpiece moves by minus the command
+    /// (ISO 841).
     fn carriers(self, [x, y, _, tilt, c]: Axes) -> [Matrix; 2] {
         let tilted = match self {
             Kind::BuiltIn => times(&moved([-x, 0.0, 0.0]), &turned(1, [0.0; 3], -tilt)),
@@ -57,10 +59,10 @@ fn point(table: &Table, key: &str) -> Point {
 }
 
 struct Bodies {
-    /// Of the tool, from the spindle datum: middle and radius of each ball; the first is that of the stylus.
+    /// Balls along the tool, from the spindle datum: centre and radius of each; the first is the stylus ball.
     tool: Vec<(Point, f64)>,
     balls: Vec<(Point, f64)>,
-    /// On the part that tilts, on the table.
+    /// Solids on the tilting part, and on the table.
     solids: [Vec<Solid>; 2],
 }
 
@@ -101,7 +103,8 @@ impl Bodies {
         Self { tool, balls, solids }
     }
 
-    /// The first thing that the tool is in, but the stylus ball in a ball; and how far that is from the nearest one.
+    /// The first body that the tool overlaps, except the stylus ball with a ball; and the distance to the nearest
+    /// one.
     fn look(&self, kind: Kind, at: Axes) -> (Option<String>, f64) {
         let [tilted, table] = kind.carriers(at);
         let datum = kind.spindle(at);
@@ -143,7 +146,7 @@ impl Way<'_> {
         std::array::from_fn(|i| self.from[i] + share * (self.to[i] - self.from[i]))
     }
 
-    /// Up to the contact of a touch. How it ended: what was met; whether a ball was touched.
+    /// Checks a path up to the contact of a touch. Returns the body that was hit, and whether a ball was touched.
     fn swept(&self, bodies: &Bodies, kind: Kind) -> (Option<String>, bool) {
         let apart = |i: usize| (self.to[i] - self.from[i]).abs();
         let count = (0..5).map(apart).fold(0.0, f64::max) / STEP;
@@ -161,8 +164,9 @@ impl Way<'_> {
     }
 }
 
-/// Word by word: N, G, axes, F. Where the machine stands at first nobody knows: the ways begin with the first that is
-/// known from end to end. A touch is what a way back at feed follows; it ends at the contact, on its own way back.
+/// Parses word by word: N, G, axes, F. The start position is unknown: the paths begin with the first one whose ends
+/// are both known. A touch is a move that a back-off at feed follows; it ends at the contact, which is on its
+/// back-off.
 fn ways(text: &str) -> Vec<Way<'_>> {
     let mut stands = BTreeMap::<&str, f64>::new();
     let goes = |line: &&str| line.contains(" G38.3 ") || line.contains(" G53 G");
@@ -213,7 +217,7 @@ fn is_clear(text: &str, kind: Kind) {
     let touches = ways.iter().filter(|way| way.is_touch).count();
     println!("{} ways, {touches} of them touches", ways.len());
     assert!(touches > 5 * 600 && ways.len() > 4 * touches, "{touches} of {}", ways.len());
-    // It sees: a rod on the pallet that the program does not know is met.
+    // Control test: a collision with a rod on the pallet that the program does not contain is detected.
     let mut rod = Bodies { tool: bodies.tool, balls: Vec::new(), solids: [Vec::new(), Vec::new()] };
     let (from, to) = ([0.0, 0.0, 220.0], [0.0, 0.0, 420.0]);
     rod.solids[1].push(Solid { from, to, radius: Some(5.0) });
@@ -222,7 +226,7 @@ fn is_clear(text: &str, kind: Kind) {
 
 #[test]
 fn nothing_is_met_on_the_built_in_machine() {
-    // The gate has the other machine.
+    // The gate tests the other machine.
     if is_full() {
         is_clear(DOME, Kind::BuiltIn);
     }

@@ -1,5 +1,5 @@
-//! The order in which the balls of the dome and the touches of each are measured against a long search: simulated
-//! annealing within each indexation, by the times of the ways as they are planned, with all their heights.
+//! Compares the planned order of the dome's balls and of their touches with a long search: simulated annealing
+//! within each indexation, with the durations of the planned paths, including all their heights.
 
 use machine::Position;
 use machine::record::motion::{Block, Motion};
@@ -12,24 +12,26 @@ use trued::setup::{self, MachineFile};
 use estimation::random::stream;
 use testing::population::is_full;
 
-/// Seconds from after each touch of a stage to each, in the planned order; the first row from where the machine comes.
+/// Seconds from the end of each touch of a stage to each other touch, in the planned order; the first row starts at
+/// the position before the stage.
 type Ways = Vec<Vec<f64>>;
 
-/// Numbers of touches, ball after ball.
+/// Indices of touches, ball after ball.
 type Tour = Vec<Vec<usize>>;
 
-/// Time of the way to a touch, and where the machine stands after it.
+/// Duration of the path to a touch, and the machine position after the touch.
 fn way_to(plan: &Plan, from: &Position, step: &Step, clearance: &Clearance) -> (f64, Position) {
     let start = Start { stands: Some(from), confirmed: Confirmed::all() };
     let blocks = step_blocks(plan, step, 0, start, clearance).unwrap();
     let ends = end_of(blocks.iter().flat_map(|block| &block.motions), from);
-    // A first position takes no time.
+    // The move to the start position takes no time.
     let here = Block { step: 0, repeat: 0, motions: vec![Motion::Rapid { to: from.clone() }] };
     let all: Vec<Block> = std::iter::once(here).chain(blocks).collect();
     (MachineTime::of(&all, &plan.machine).way_s, ends)
 }
 
-/// Of a stage in the planned order, with its tour. `stands`: where the machine comes from, then where it ends.
+/// Durations of a stage in the planned order, with its tour. `stands`: machine position before the stage, then
+/// after it.
 fn ways(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> (Ways, Tour) {
     let clearance = Clearance::known(plan, stage.found.as_ref()).unwrap();
     let steps = stage.steps.iter().map(|id| plan.steps.iter().find(|step| step.id == *id).unwrap());
@@ -48,14 +50,14 @@ fn ways(plan: &Plan, stage: &Stage, stands: &mut Option<Position>) -> (Ways, Tou
     (ways.collect(), tour.collect())
 }
 
-/// From the first row on.
+/// Time of the tour, from the first row on.
 fn time_s(tour: &Tour, ways: &Ways) -> f64 {
     let touches: Vec<usize> = tour.iter().flatten().copied().collect();
     let pairs = touches.windows(2).map(|pair| ways[pair[0] + 1][pair[1]]);
     ways[0][touches[0]] + pairs.sum::<f64>()
 }
 
-/// One piece turned round or put elsewhere.
+/// Reverses one segment or moves it elsewhere.
 fn change<T>(order: &mut Vec<T>, random: &mut impl Rng) {
     let mut ends = [0; 2].map(|_| random.random_range(0..order.len()));
     ends.sort_unstable();
@@ -68,7 +70,7 @@ fn change<T>(order: &mut Vec<T>, random: &mut impl Rng) {
     }
 }
 
-/// The best time that changes of the order of the balls, and of the touches of a ball, find from the planned order on.
+/// Shortest time found by changing the order of the balls, and of the touches of a ball, from the planned order on.
 fn annealed_s((ways, planned): &(Ways, Tour), random: &mut impl Rng, tries: u64) -> f64 {
     let mut tour = planned.clone();
     let (mut time, mut best) = (time_s(&tour, ways), time_s(&tour, ways));

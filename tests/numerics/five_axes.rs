@@ -1,5 +1,5 @@
-//! Five axes and the spindle's orientation over the grbl wire: what the simulated control executes is
-//! what the same moves do to the world itself.
+//! Five axes and the spindle orientation over the grbl wire: the simulated control executes a block with the same
+//! result as the same moves on the world itself.
 
 use machine::kinematics::Chain;
 use machine::record::artefact::Artefact;
@@ -11,7 +11,7 @@ use trued::setup::{self, MachineFile, Pace, Past};
 
 use crate::support::proven_block::proven_block;
 
-/// B, C, S in degrees, and the ball (counted from 0) that is touched on top.
+/// B, C, S in degrees, and the ball (counted from 0) that is touched on its top.
 const TOUCHES: [([f64; 3], usize); 5] = [
     ([0.0, 0.0, 0.0], 0),
     ([-30.0, 90.0, 90.0], 2),
@@ -45,7 +45,7 @@ fn block(file: &MachineFile, step: u32, [b, c, s]: [f64; 3], ball: usize) -> Blo
     Block { step, repeat: 0, motions }
 }
 
-/// The moves of a block, without any control.
+/// Executes the moves of a block without a control.
 fn direct(world: &mut World, block: &Block) -> Position {
     let mut found = None;
     for motion in &block.motions {
@@ -82,7 +82,7 @@ fn the_simulated_control_turns_tilts_and_orients_as_it_is_told() {
                 devices.controller.execute(proven_block(&file, &devices, &block)).await.unwrap();
             let found = outcome.touch.unwrap();
             for axis in Axis::ALL.into_iter().filter(|axis| expected.get(*axis).is_some()) {
-                // Moves are written to 0.1 µm, contacts told to the micrometre that Z moves in.
+                // Moves are written to 0.1 µm; contacts are reported with the resolution of Z, 1 µm.
                 let off = axis.to_edge(found.at(axis) - expected.at(axis)).abs();
                 assert!(off <= 1.001e-3, "{axis} at {pose:?}: {off}");
             }
@@ -91,8 +91,8 @@ fn the_simulated_control_turns_tilts_and_orients_as_it_is_told() {
     });
 }
 
-/// An orientation that never reached the spindle would go unseen above: a stylus that is 1 mm off
-/// its axis stands elsewhere after half a turn.
+/// The test above would not detect a missing orientation of the spindle: a stylus that is 1 mm off its axis is
+/// elsewhere after half a turn.
 #[test]
 fn the_spindle_turns_the_stylus() {
     let text = include_str!("../../config/samba.toml")
@@ -104,7 +104,7 @@ fn the_spindle_turns_the_stylus() {
         devices.controller.prepare().await.unwrap();
         let mut heights = Vec::new();
         for (step, s) in [0.0, 180.0].into_iter().enumerate() {
-            // 3 mm aside of the pole the ball falls off by 3/9.35 of what the stylus is off.
+            // At 3 mm from the pole the slope of the ball is 3/9.35 of the stylus offset.
             let mut block = block(&file, step as u32, [0.0, 0.0, s], 0);
             for motion in &mut block.motions {
                 if let Motion::Rapid { to } = motion
@@ -118,7 +118,7 @@ fn the_spindle_turns_the_stylus() {
             heights.push(found.at(Axis::Z));
         }
         let sphere = |off: f64| (9.35_f64.powi(2) - off * off).sqrt();
-        // The bed of the balls stands 0.3 mm off, and each ball some tenths more.
+        // The set of balls is 0.3 mm off, and each ball some tenths more.
         let expected = sphere(2.7 + 1.0) - sphere(2.7 - 1.0);
         let found = heights[0] - heights[1];
         assert!((found - expected).abs() < 0.2, "{found} instead of {expected}");

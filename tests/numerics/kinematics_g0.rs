@@ -1,5 +1,5 @@
-//! Gate G0 (METHODS.md section 0): the chain against a second way of building it, its Jacobian
-//! against finite differences, its inverse against itself.
+//! Gate G0 (METHODS.md section 0): the chain compared with an independent construction, its Jacobian with finite
+//! differences, its inverse with itself.
 
 use std::f64::consts::PI;
 
@@ -15,7 +15,7 @@ const LOCATIONS_AND_GAINS_13: [&str; 13] = [
     "EZZ1",
 ];
 
-/// Axes of `reversed` turn against ISO 841; rotary axes pass through points off the origin.
+/// Axes in `reversed` turn against ISO 841; rotary axes pass through points off the origin.
 fn machine(topology: &str, reversed: &[Axis]) -> Machine {
     let parsed: Topology = topology.parse().unwrap();
     let spec = |axis: Axis| -> AxisSpec {
@@ -40,8 +40,8 @@ fn parameters<S: AsRef<str>>(names: &[S]) -> Vec<ErrorParameter> {
     names.iter().map(|name| name.as_ref().parse().unwrap()).collect()
 }
 
-/// All six location errors of every axis, and the gains of the linear ones along all directions
-/// but two times their own: 42 on a machine of five axes and spindle.
+/// All six location errors of every axis, and the gains of the linear axes along all directions except two times
+/// their own: 42 on a machine of five axes and spindle.
 fn full_42() -> Vec<ErrorParameter> {
     let mut names = Vec::new();
     for axis in ["X", "Y", "Z", "B", "C", "S"] {
@@ -115,11 +115,11 @@ fn worst_relative_deviation(topology: &str, reversed: &[Axis], set: &[ErrorParam
         assert_eq!(columns.len(), set.len());
         for (index, (column, parameter)) in columns.iter().zip(set).enumerate() {
             chain.check(*parameter).unwrap();
-            // Linear in translations, so a long step; angles carry the pose's curvature.
+            // The pose is linear in translations, so the step is long; it is curved in angles.
             let h = if parameter.component().is_linear() { 0.5 } else { 2e-3 };
             let at = |k: f64| chain.tip_in_table(&pose, tip, &with(&errors, index, k * h)).mm;
             let difference = (8.0 * (at(1.0) - at(-1.0)) - (at(2.0) - at(-2.0))) / (12.0 * h);
-            // Entries of a table are exactly zero away from their own angle.
+            // Table entries are exactly zero at all other angles.
             if parameter.factor(pose.at(parameter.axis())) == 0.0 {
                 assert_eq!(column.norm(), 0.0);
             } else {
@@ -173,7 +173,7 @@ fn regress_jacobian_of_other_machines() {
     check_jacobian("wAFXYZBt", &[Axis::B], &locations(&["A", "X", "Y", "Z", "B"]));
 }
 
-/// Homogeneous matrices written out element by element, as in a textbook (row by row).
+/// Homogeneous matrix written out element by element, as in a textbook (row by row).
 fn htm(rows: [[f64; 4]; 3]) -> Matrix4<f64> {
     let [x, y, z] = rows.map(Vector4::from);
     Matrix4::from_columns(&[x, y, z, Vector4::w()]).transpose()
@@ -198,9 +198,8 @@ fn d_c(c: f64) -> Matrix4<f64> {
     htm([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 }
 
-/// Paper 2, Eq. (1): ʳT_w = D_x D_y D_z D_a D_b D_c(BY) D_b(−B) D_x(δx_CB) D_a(α_CB) D_c(−C), with
-/// the location errors of its Table 1; here at values a thousand times the paper's as well, so that
-/// the order of the factors shows.
+/// Paper 2, Eq. (1): ʳT_w = D_x D_y D_z D_a D_b D_c(BY) D_b(−B) D_x(δx_CB) D_a(α_CB) D_c(−C), with the location
+/// errors of its Table 1; also with values a thousand times the paper's, so that the order of the factors matters.
 #[test]
 fn paper_2_equation_1_is_the_workpiece_branch() {
     let chain = Chain::new(&machine("wCBFXYZt", &[])).unwrap();
@@ -213,7 +212,7 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
         let [a, b, c, a_cb] = [5e-5; 4].map(|v| v * scale * uniform(&mut random));
         let names = ["EX0B", "EY0B", "EZ0B", "EA0B", "EB0B", "EC0B", "EX0C", "EA0C"];
         let values = [dx, dy, dz, a, b, c, dx_cb, a_cb];
-        // The order of the terms must not matter: the chain itself keeps X, Y, Z, A, B, C.
+        // The order of the terms must not matter: the chain itself uses X, Y, Z, A, B, C.
         let errors: Vec<ErrorTerm> = parameters(&names)
             .into_iter()
             .zip(values)
@@ -232,8 +231,8 @@ fn paper_2_equation_1_is_the_workpiece_branch() {
     assert!(worst <= 1e-12, "{worst:e} mm");
 }
 
-/// Paper 4, Eq. (2), with the machine of its Table 2 (X, B, C under the table; Z, Y, S at the tool):
-/// the whole machine a second way, each error written where METHODS.md section 0 puts it.
+/// Paper 4, Eq. (2), with the machine of its Table 2 (X, B, C under the table; Z, Y, S at the tool): the whole
+/// machine constructed independently, each error placed as in METHODS.md section 0.
 #[test]
 fn paper_4_machine_as_plain_matrix_products() {
     let chain = Chain::new(&machine("wCBXFZYSt", &[])).unwrap();
@@ -263,7 +262,8 @@ fn paper_4_machine_as_plain_matrix_products() {
             .transform_point(&tool.transform_point(&tip.mm.into()))
             .coords;
         let actual = chain.tip_in_table(&pose, tip, &errors).mm;
-        // The general matrix inverse of this second way rounds more than the chain itself.
+        // The general matrix inverse of the independent construction has larger rounding errors than the chain
+        // itself.
         assert!(
             actual.metric_distance(&expected) <= 5e-12,
             "{:e}",

@@ -1,5 +1,5 @@
-//! Self-calibration with error motions of C that an earlier estimate gives. The estimates are made from the
-//! world's own motions, by no estimator.
+//! Self-calibration with error motions of C from an earlier estimate. The estimates are computed from the world's
+//! own motions, without an estimator.
 
 use std::f64::consts::TAU;
 
@@ -19,12 +19,12 @@ use testing::population::{population, ratio_bounds};
 
 const COMPONENTS: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const MAX_ORDER: usize = 20;
-/// Angles at which the motions of the world are read.
+/// Number of angles at which the motions of the world are evaluated.
 const SAMPLES: usize = 360;
-/// Key of the stream that draws the errors of an estimate.
+/// Key of the random stream for the errors of an estimate.
 const PRIOR_ERRORS: u64 = 0x7072_696f;
 
-/// The built-in machine with other values; `path`: keys with dots between.
+/// The built-in machine with other values; `path`: keys joined by dots.
 fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
     let fixed = [
         ("simulated.seed", Value::Integer(seed as i64)),
@@ -33,7 +33,7 @@ fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
     changed(include_str!("../../config/simulated.toml"), fixed.iter().chain(changes))
 }
 
-/// Motions of C in all components to order 20, and nothing else that disturbs.
+/// Motions of C in all components to order 20, and no other disturbance.
 fn quiet_machine(changes: &[(&str, Value)]) -> MachineFile {
     let motion: Table =
         "axis = \"C\"\nlinear_um = 4.0\nangular_urad = 40.0\nmax_order = 20".parse().unwrap();
@@ -57,14 +57,14 @@ fn leak(text: String) -> &'static str {
     text.leak()
 }
 
-/// What an estimate of the motions of `world` reports.
+/// Options of an estimate of the motions of `world`.
 #[derive(Clone, Copy)]
 struct Prior {
     components: &'static [Axis],
-    /// 1 for the true motions.
+    /// Factor of the motions: 1 for the true motions.
     sign: f64,
     has_coefficients: bool,
-    /// Standard uncertainty of each coefficient; its errors are drawn from it by the seed.
+    /// Standard uncertainty of each coefficient; the errors of the coefficients are drawn with it from the seed.
     u_um: f64,
     seed: u64,
 }
@@ -130,7 +130,7 @@ impl Prior {
     }
 }
 
-/// Estimates of one world: without and with each of the priors, and the true axis, um.
+/// Estimates in one world: without priors and with each of the priors; and the true axis, um.
 fn estimates(file: &MachineFile, priors: &[Prior]) -> (Vec<Estimate>, [f64; 2]) {
     let (method, header) = setup::header(file, "self-calibration", None).unwrap();
     let mut world = setup::world(file).unwrap();
@@ -164,8 +164,8 @@ fn tilt(estimate: &Estimate) -> f64 {
     parameter(estimate, "EA0C").value.hypot(parameter(estimate, "EB0C").value)
 }
 
-/// Two heights, so that tilts and levers count. What is left is that of a machine without error motions; with the
-/// wrong sign it is twice that of the machine.
+/// Two heights, so that tilts and levers count. The remaining error is that of a machine without error motions;
+/// with the wrong sign it is twice that of the machine.
 fn assert_taken_out(changes: &[(&str, Value)]) {
     let mut all = vec![("method.self-calibration.heights_mm", Value::from(vec![30.0, 70.0]))];
     all.extend_from_slice(changes);
@@ -190,14 +190,14 @@ fn regress_known_motions_are_taken_out() {
     assert_taken_out(&[]);
 }
 
-/// Coefficients are those of the commanded angle, in whatever sense it turns.
+/// Coefficients refer to the commanded angle, whatever the sense of rotation.
 #[test]
 fn regress_known_motions_of_a_reversed_axis_are_taken_out() {
     assert_taken_out(&[("axes.C.positive", "reversed".into())]);
 }
 
-/// Five positions do not tell order 5 from the location of the axis. The declared magnitude is in the budget;
-/// known motions take its place.
+/// With five positions order 5 is not separable from the location of the axis. Without known motions, the declared
+/// magnitude is in the budget; known motions replace it.
 #[test]
 fn regress_known_motions_make_u_smaller_and_keep_it_true() {
     const FULL: u64 = 1000;
@@ -248,8 +248,8 @@ fn regress_known_motions_make_u_smaller_and_keep_it_true() {
     assert!(sum(1, 0) < 0.5 * sum(0, 0) && sum(2, 0) > 2.0 * sum(0, 0) && ratio(2) > high);
 }
 
-/// At Z = 50 mm above `point_mm` a motion EBC displaces the part by EBC·50 mm in X, EAC by −EAC·50 mm in Y. With 1 µm
-/// and 20 µrad, fully correlated, both cancel or add up.
+/// At Z = 50 mm above `point_mm` a motion EBC displaces the part by EBC·50 mm in X, EAC by −EAC·50 mm in Y. With 1
+/// µm and 20 µrad, fully correlated, both cancel or add up.
 #[test]
 fn regress_u_of_known_motions_keeps_their_correlation() {
     let file = quiet_machine(&[]);

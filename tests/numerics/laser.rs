@@ -1,4 +1,4 @@
-//! The laser R-test on the built-in machine of paper 2: is what it says true, and as sure as it says?
+//! The laser R-test on the built-in machine of paper 2: errors of its results, and coverage of its uncertainties.
 
 use estimation::coverage::chi_square_bounds;
 use machine::record::estimate::Estimate;
@@ -8,11 +8,11 @@ use crate::support::plan_player;
 use testing::population::{population, ratio_bounds};
 
 const METHOD: &str = "laser-r-test";
-/// Paper 2, Table 5, as [simulated.errors] of the built-in machine has it: symbol, value.
+/// Paper 2, Table 5, as in [simulated.errors] of the built-in machine: symbol, value.
 const TRUTH: [(&str, f64); 5] =
     [("EA0B", -3.5), ("EB0B", -42.0), ("EC0B", -3.5), ("EX0C", -1.0), ("EA0C", 5.2)];
 
-/// The built-in machine with another seed, what `change` does to its text, and these settings.
+/// The built-in machine with another seed, its text changed by `change`, and these settings.
 fn machine(seed: u64, change: impl Fn(String) -> String, settings: &str) -> MachineFile {
     let text = include_str!("../../config/laser.toml");
     let seeded = text.replace("\nseed = 1\n", &format!("\nseed = {seed}\n"));
@@ -28,7 +28,7 @@ fn estimate(file: &MachineFile) -> Estimate {
     method.identify(&plan, &readings).expect("an estimate")
 }
 
-/// What is off of each parameter of [`TRUTH`], um and urad, and its standard uncertainty.
+/// Error of each parameter of [`TRUTH`], um and urad, and its standard uncertainty.
 fn errors(estimate: &Estimate) -> Vec<(f64, f64)> {
     let of = |(symbol, truth): &(&str, f64)| {
         let found = estimate.parameters.iter().find(|parameter| parameter.symbol == *symbol);
@@ -38,7 +38,7 @@ fn errors(estimate: &Estimate) -> Vec<(f64, f64)> {
     TRUTH.iter().map(of).collect()
 }
 
-/// χ² of the five by the stated covariance.
+/// χ² of the five errors with the stated covariance.
 fn chi2(estimate: &Estimate) -> f64 {
     let place = |symbol: &str| {
         let symbols = &estimate.covariance.symbols;
@@ -52,7 +52,7 @@ fn chi2(estimate: &Estimate) -> f64 {
     off.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
 
-/// One of each world, in their order.
+/// One estimate of each world, in order.
 fn in_parallel(worlds: u64, one: impl Fn(u64) -> Estimate + Sync) -> Vec<Estimate> {
     const THREADS: u64 = 2;
     let one = &one;
@@ -68,7 +68,7 @@ fn in_parallel(worlds: u64, one: impl Fn(u64) -> Estimate + Sync) -> Vec<Estimat
 fn uncertainty_covers_the_truth_of_many_machines() {
     const FULL: u64 = 100;
     let worlds = population(FULL);
-    // Of 100 values the standard deviation is known to 7 %.
+    // With 100 values the standard deviation is known to 7 %.
     let (low_ratio, high_ratio) = ratio_bounds(worlds, FULL, (1.0 / 1.15, 1.0 / 0.85));
     let all = in_parallel(worlds, |seed| estimate(&machine(100 + seed, |text| text, "")));
     let mean = all.iter().map(|estimate| chi2(estimate) / 5.0).sum::<f64>() / worlds as f64;
@@ -86,7 +86,7 @@ fn uncertainty_covers_the_truth_of_many_machines() {
     assert!((low / dof..high / dof).contains(&mean), "{mean}");
 }
 
-/// What a file does not say: X and Y lose motion, and the sensor tells late of what it saw.
+/// Adds undeclared errors: lost motion of X and Y, and a latency of the sensor.
 fn late(text: String) -> String {
     let sensor = "zero_offset_um = [210.0";
     assert!(text.contains(sensor));
@@ -118,8 +118,8 @@ fn u_is_true_of_continuous_scans_and_of_their_latency() {
     assert!((low..high).contains(&chi2) && beyond.is_empty(), "{chi2} {beyond:?}");
 }
 
-/// What no unknown of the model takes: a text of the machine file, in its place another, and the line of the
-/// budget. The sphere's form is told to the world and to the method apart.
+/// Errors outside of the model's unknowns: a text of the machine file, its replacement, and the line of the budget.
+/// The form of the sphere is set separately for the world and for the method.
 const OUTSIDE: [(&str, &str, &str); 3] = [
     ("squareness_urad = 0.0\n", "squareness_urad = 4.0\n", "squareness of X, Y and Z"),
     ("linearity_um = 0.5\n", "linearity_um = 0.5\nincidence_um = 0.4\n", "lean of the surface"),
@@ -128,14 +128,14 @@ const OUTSIDE: [(&str, &str, &str); 3] = [
 const FORM_UM: f64 = 0.4;
 
 fn with_form(text: String) -> String {
-    // Beside the little that nobody declares.
+    // In addition to a small undeclared form.
     let told =
         text.replace("ball_form_um = 0.05\n", &format!("ball_form_um = {}\n", FORM_UM + 0.05));
     assert_ne!(told, text);
     told
 }
 
-/// With one of [`OUTSIDE`] in the world and in the budget.
+/// Machine file with one of [`OUTSIDE`] in the world and in the budget.
 fn outside((from, to, _): (&str, &str, &str), seed: u64) -> MachineFile {
     let change = |text: String| match to {
         "" => with_form(text),
@@ -150,8 +150,8 @@ fn outside((from, to, _): (&str, &str, &str), seed: u64) -> MachineFile {
     }
 }
 
-/// METHODS, section 6: a source switched off changes its line of the budget and the scatter alike. Each
-/// world is measured with it and without, all else being the same.
+/// METHODS, section 6: switching a source off changes its line of the budget and the scatter by the same amount.
+/// Each world is measured with and without it, everything else being equal.
 #[test]
 fn what_the_model_does_not_hold_scatters_as_its_line_of_the_budget_says() {
     const FULL: u64 = 40;
@@ -164,7 +164,7 @@ fn what_the_model_does_not_hold_scatters_as_its_line_of_the_budget_says() {
         for (number, parameter) in with[0].parameters.iter().enumerate() {
             let line = parameter.budget.iter().find(|line| line.source == source.2);
             let predicted = line.expect("a line").u;
-            // What is drowned in the rest says nothing of itself.
+            // A contribution that is small against the rest is not tested.
             if predicted > 0.2 * parameter.u {
                 let value = |estimate: &Estimate| estimate.parameters[number].value;
                 let pairs = with.iter().zip(&without);
@@ -181,7 +181,8 @@ fn what_the_model_does_not_hold_scatters_as_its_line_of_the_budget_says() {
     }
 }
 
-/// Two to six waves over the range, and none, of the same sensor: its line of the budget is what that changes.
+/// The same sensor with two to six waves over the range, and without: the difference agrees with its line of the
+/// budget.
 #[test]
 fn the_linearity_error_scatters_as_its_line_of_the_budget_says() {
     const FULL: u64 = 40;

@@ -1,4 +1,4 @@
-//! Numerical results of the library: no trial runs the program. Each submodule stands for itself.
+//! Numerical results of the library: no trial runs the program. The submodules are independent.
 
 #![cfg(test)]
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]

@@ -3,7 +3,7 @@
 use toml::{Table, Value};
 use trued::setup::MachineFile;
 
-/// Sets the value at `path`, keys with dots between; tables that are missing are made.
+/// Sets the value at `path`, keys joined by dots; missing tables are created.
 pub fn set(table: &mut Table, path: &str, value: Value) {
     let (tables, key) = path.rsplit_once('.').unwrap();
     let inner = tables.split('.').fold(table, |table, key| {

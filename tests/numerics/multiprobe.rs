@@ -1,6 +1,6 @@
-//! Multiprobe and multistep (METHODS sections 3 and 6) through the simulated machine: the plan is played on
-//! worlds that differ in their seed. The world turns motions, form, tilt and eccentricity into distances by its
-//! own chain and its own surfaces.
+//! Multiprobe and multistep (METHODS sections 3 and 6) through the simulated machine: the plan is played on worlds
+//! that differ in their seed. The world computes distances from motions, form, tilt and eccentricity by its own
+//! chain and its own surfaces.
 
 use std::ops::RangeInclusive;
 
@@ -21,11 +21,11 @@ use estimation::monte_carlo::{Random, Shape};
 use estimation::random::stream;
 use testing::population::{coverage_population, is_full, population, ratio_bounds};
 
-/// Key of the stream that chooses the missing samples.
+/// Key of the random stream that selects the missing samples.
 const MISSING: u64 = 0x6d70;
 const SENSORS: usize = 7;
 
-/// The built-in machine with motions, forms and errors that are drawn; `path`: keys with dots between.
+/// The built-in machine with drawn motions, forms and errors; `path`: keys joined by dots.
 fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
     let mut table: Table = include_str!("../../config/multiprobe.toml").parse().unwrap();
     let motion: Table =
@@ -49,7 +49,7 @@ fn machine(seed: u64, changes: &[(&str, Value)]) -> MachineFile {
     MachineFile::parse("world.toml", toml::to_string(&table).unwrap()).unwrap()
 }
 
-/// The same machine as it truly is: angles, gains and places of its sensors as far off as the settings declare.
+/// The same machine with its true errors: angles, gains and positions of its sensors deviate by the declared sizes.
 fn true_machine(file: &MachineFile, seed: u64) -> MachineFile {
     let mut table: Table = file.text().parse().unwrap();
     let mut random = Random::of(seed, &[0x7365_6e73]);
@@ -101,8 +101,8 @@ impl Played {
         self.method.identify(&self.plan, &self.readings)
     }
 
-    /// The motion at [`POINTS`] angles of a revolution in the unit of the estimate, less the co-rotating first order
-    /// of (X, Y) and (A, B), and less the harmonics `lost`.
+    /// The motion at [`POINTS`] angles of a revolution in the unit of the estimate, without the co-rotating first
+    /// order of (X, Y) and (A, B), and without the harmonics `lost`.
     fn truth(&self, world: &World, symbol: &str, lost: &[f64]) -> Vec<f64> {
         let component: Axis = symbol[1..2].parse().unwrap();
         let motion = |of: Axis| {
@@ -134,19 +134,19 @@ impl Played {
     }
 }
 
-/// Of a truth in one revolution.
+/// Number of angles of a true curve in one revolution.
 const POINTS: usize = 720;
 
 fn angles() -> impl Iterator<Item = f64> {
     (0..POINTS).map(|i| std::f64::consts::TAU * i as f64 / POINTS as f64)
 }
 
-/// The part of the first order of (x, y) that turns with the table: clockwise seen from above for a rising
-/// command of C (ISO 841).
+/// The part of the first order of (x, y) that turns with the table: clockwise seen from above for a rising command
+/// of C (ISO 841).
 fn co_rotating(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
     let (mut along, mut across) = (0.0, 0.0);
     for ((q, x), y) in angles().zip(x).zip(y) {
-        // Turned back by the table's turn.
+        // Rotated back by the table angle.
         along += (x * q.cos() - y * q.sin()) / POINTS as f64;
         across += (x * q.sin() + y * q.cos()) / POINTS as f64;
     }
@@ -156,8 +156,8 @@ fn co_rotating(x: &[f64], y: &[f64]) -> Vec<(f64, f64)> {
 
 const MOTIONS: [&str; 5] = ["EXC", "EYC", "EZC", "EAC", "EBC"];
 
-/// Of each of the five curves: share of the points whose U holds the truth, and mean of (error/u)². One axial sensor loses
-/// the multiples of the indexes in EZC: they are named, and not in its curve.
+/// For each of the five curves: share of the points whose U contains the true value, and mean of (error/u)². With
+/// one axial sensor the multiples of the indexes in EZC are lost: they are named, and not contained in its curve.
 fn covered(played: &Played, estimate: &Estimate) -> Vec<(f64, f64)> {
     let world = setup::world(&played.file).unwrap();
     let mut all = Vec::new();
@@ -187,20 +187,20 @@ fn covered(played: &Played, estimate: &Estimate) -> Vec<(f64, f64)> {
     all
 }
 
-/// Harmonics that one axial sensor loses: multiples of the indexes.
+/// Harmonics that are lost with one axial sensor: multiples of the number of indexes.
 fn multiples(plan: &Plan) -> Vec<f64> {
     let of = |key: &str| plan.settings[key].as_f64().unwrap() as u32;
     (1..=of("harmonics")).filter(|k| k % of("indexes") == 0).map(f64::from).collect()
 }
 
-/// Each curve by itself. The coverage standard of METHODS section 6, or other `seeds` and bounds.
+/// Checks each curve by the coverage standard of METHODS section 6, or by other `seeds` and bounds.
 fn covers(
     name: &str,
     changes: &[(&str, Value)],
     missing: f64,
     (seeds, shares): (u64, RangeInclusive<f64>),
 ) {
-    // A small layout in the gate: many seeds say more than many mountings.
+    // A small layout in the gate: many seeds are better evidence than many mountings.
     let changes = if is_full() { changes.to_vec() } else { [&small()[..], changes].concat() };
     let one = |seed: u64| {
         let mut played = played(machine(seed, &changes), seed);
@@ -217,7 +217,7 @@ fn covers(
             false => Err(format!("seed {seed}: {:#?}", estimate.warnings)),
         }
     };
-    // What a thread of the pool prints is lost: the message must come to this one.
+    // Output of a pool thread is lost: the message must be passed to this thread.
     let all: Result<Vec<Vec<(f64, f64)>>, String> = (0..seeds).into_par_iter().map(one).collect();
     let all = all.unwrap();
     let mean = |curve: usize, of: fn(&(f64, f64)) -> f64| {
@@ -238,8 +238,8 @@ fn covers(
     }
 }
 
-/// Gains and angles of the radial sensors, as drawn for the true machine, within their U; what differs between the
-/// sensors of a section is found better than it is declared.
+/// Gains and angles of the radial sensors, as drawn for the true machine, are within their U; their differences
+/// within a section are determined more accurately than declared.
 #[test]
 fn gains_and_angles_are_found_from_the_turns() {
     let (mut squares, mut differences, mut count) = (0.0, 0.0, 0.0);
@@ -270,7 +270,7 @@ fn gains_and_angles_are_found_from_the_turns() {
     }
     let (squares, spread) = (squares / count / 3.0, (differences / count).sqrt());
     println!("mean of (error/u)² {squares:.2}; differences {spread:.3} of those declared");
-    // The mean of three stays as declared: 32 independent draws behind most of the sum.
+    // The mean of three keeps its declared uncertainty: most of the sum is from 32 independent draws.
     assert!((0.5..1.7).contains(&squares) && spread < 0.5, "{squares} {spread}");
 }
 
@@ -286,7 +286,7 @@ fn u_is_true_where_samples_are_missing() {
     covers("5 % missing", &changes, 0.05, population);
 }
 
-/// The rate is that of the table's turn: 6° a second, samples every 0.06°.
+/// Changes for continuous turns: 6°/s, samples every 0.06°.
 fn continuous() -> Vec<(&'static str, Value)> {
     let motion = table("axis = \"C\"\nlinear_um = 1.0\nangular_urad = 5.0\nmax_order = 8");
     vec![
@@ -309,7 +309,7 @@ fn u_is_true_of_continuous_turns() {
     covers("continuous turns", &continuous(), 0.0, population);
 }
 
-/// What the run says of a fault that is planted in its world; `Err`: why there is no estimate.
+/// Estimate of a world with a planted fault; `Err`: why there is no estimate.
 fn faulty(changes: &[(&str, Value)]) -> Result<Estimate, IdentifyError> {
     played(machine(1, &[&small()[..], changes].concat()), 1).estimate()
 }
@@ -325,7 +325,7 @@ fn small() -> Vec<(&'static str, Value)> {
     ]
 }
 
-/// Why there is no estimate.
+/// The reason why there is no estimate.
 fn why(played: &Played) -> String {
     match played.estimate() {
         Ok(estimate) => panic!("{:#?}", estimate.warnings),
@@ -367,7 +367,7 @@ fn two_wrong_mountings_are_not_confirmed() {
     assert!(found.warnings.iter().any(named), "{:#?}", found.warnings);
 }
 
-/// A channel that reads nothing in the first 50° loses revolutions of its own: the others go on without it.
+/// A channel without values in the first 50° loses revolutions of its own: the other channels are used without it.
 #[test]
 fn a_gap_at_the_end_of_a_turn_is_of_its_channel_alone() {
     let estimate = |revolutions: i64| {
@@ -404,7 +404,7 @@ fn a_round_artefact_does_not_confirm_the_mountings() {
 
 #[test]
 fn a_saturated_channel_is_named_where_it_is() {
-    // Of a cylinder that stands off by 9 µm, near the greatest distance.
+    // Clips near the largest distance of a cylinder with an eccentricity of 9 µm.
     let clipped = table("name = \"x1\"\nclips_mm = [-0.0085, 0.3]");
     let mut played = played(machine(1, &continuous()), 1);
     let mut truth: Table = true_machine(&played.file, 1).text().parse().unwrap();
@@ -434,11 +434,11 @@ fn swapped_channels_are_named() {
     assert!(refused.contains("y1") && refused.contains("r1 are swapped"), "{refused}");
 }
 
-/// One second of its clock lasts 1 % less than a second.
+/// A second of its clock is 1 % shorter than a true second.
 #[test]
 fn a_fast_clock_is_named() {
     let mut played = played(machine(1, &continuous()), 1);
-    // The run places a sample by its stamp.
+    // The run assigns a sample to a position by its time stamp.
     let step_of = |reading: &Reading| (reading.step, reading.sensor.clone());
     let starts: std::collections::BTreeMap<(u32, String), f64> =
         played.readings.iter().rev().map(|r| (step_of(r), r.t_s)).collect();
@@ -475,7 +475,7 @@ fn what_a_layout_loses_is_refused_with_a_better_one() {
         let refused = refusal(&changes);
         assert!(refused.contains(expected), "{expected}: {refused}");
     }
-    // Opposed: the second sensor at 180°.
+    // Opposite: the second sensor at 180°.
     let mut file: Table = machine(1, &[]).text().parse().unwrap();
     let second = file["sensor"].as_array_mut().unwrap()[1].as_table_mut().unwrap();
     second.insert("zero_mm".to_owned(), vec![-30.0, 0.0, 60.0].into());
@@ -486,7 +486,7 @@ fn what_a_layout_loses_is_refused_with_a_better_one() {
     assert!(refused.why.contains("opposed") && refused.instead.contains("move y1"), "{refused:?}");
 }
 
-/// The machine with sensors whose curve is not straight, as declared; or is, though declared the same.
+/// The machine with sensors whose curve is not straight, as declared; or is straight, with the same declaration.
 fn with_curved_sensors(seed: u64, is_curved: bool) -> Estimate {
     let mut table: Table = machine(seed, &small()).text().parse().unwrap();
     for sensor in table["sensor"].as_array_mut().unwrap() {
@@ -532,7 +532,7 @@ fn the_linearity_error_scatters_as_its_line_of_the_budget_says() {
     assert!((low..high).contains(&ratio), "{ratio}");
 }
 
-/// Without backlash, noise and error of the mounting a drift alone moves the means: evenly in time, forward and
+/// Without backlash, noise and mounting errors, only drift changes the means: linearly in time, forward and
 /// backward.
 #[test]
 fn stability_is_in_the_order_of_time() {

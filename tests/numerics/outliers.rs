@@ -1,4 +1,4 @@
-//! One measurement that is off, and none, on the machines that are built in (METHODS section 6).
+//! One erroneous measurement, and none, on the built-in machines (METHODS section 6).
 
 use nalgebra::{Unit, Vector3};
 use rayon::prelude::*;
@@ -55,7 +55,7 @@ pub struct Measured {
     pub readings: Vec<Reading>,
 }
 
-/// By a method on its built-in machine, in the world of this seed.
+/// Measurement with a method on its built-in machine, in the world of this seed.
 pub fn measured(method: &str, seed: u64) -> Measured {
     CASES.iter().find(|case| case.method == method).unwrap().measured(seed)
 }
@@ -76,8 +76,8 @@ impl Measured {
         self.method.identify(&self.plan, &self.readings).unwrap()
     }
 
-    /// Moves the measurement of this label: a place by the vector; of the r-test the mean of a sensor at a point of a
-    /// path, by the vector's length.
+    /// Displaces the measurement with this label: a position by the vector; in the r-test the mean of a sensor at a
+    /// point of a path, by the vector's length.
     fn displace(&mut self, label: &str, by: Vector3<f64>) {
         let steps = &self.plan.steps;
         let step_of =
@@ -105,7 +105,7 @@ impl Measured {
     }
 }
 
-/// Self-calibration with six positions and without references has touches that no other checks.
+/// Self-calibration with six positions and without references has touches that no other touch checks.
 #[test]
 fn a_touch_that_no_other_checks_is_made_once_more() {
     let file = |seed: u64| {
@@ -134,7 +134,8 @@ fn a_touch_that_no_other_checks_is_made_once_more() {
     }
 }
 
-/// By as much as the estimate states for it, in any direction: it is named, and no verdict is based on it.
+/// An error of the size that the estimate states for detection, in any direction, is named, and no verdict is based
+/// on it.
 #[test]
 fn a_measurement_that_is_off_is_named() {
     let worlds = population(100);
@@ -162,7 +163,7 @@ fn a_measurement_that_is_off_is_named() {
     }
 }
 
-/// All alarms of a sound machine together: 1 %.
+/// All alarms of a correct machine together: 1 %.
 #[test]
 fn a_sound_machine_is_not_flagged() {
     let worlds = if is_full() { 300 } else { 15 };
@@ -182,7 +183,8 @@ fn a_sound_machine_is_not_flagged() {
     }
 }
 
-/// A chip that is gone when the touch is repeated: 20 um, at one touch, or at all touches of one measurement of a ball.
+/// A chip that is gone when the touch is repeated: 20 um, at one touch, or at all touches of one measurement of a
+/// ball.
 fn chip_once(world: &mut World, step: &Step, repeat: u32) -> Reading {
     if repeat == 0 { chip(world, step, repeat) } else { touch_alone(world, step, repeat) }
 }
@@ -233,7 +235,7 @@ fn what_is_off_is_measured_again_and_listed() {
         assert!(readings.len() > all.len() && readings.len() < all.len() + 30, "{method}");
         let told = estimate.warnings.iter().any(|line| line.contains("was off"));
         assert!(told, "{method}: {:?}", estimate.warnings);
-        // At most twice.
+        // At most two repetitions.
         let (estimate, readings, _) = played(method, &file, chip);
         assert_eq!(estimate.verdict, Verdict::UndecidedModel, "{method}");
         let still = |outlier: &Outlier| {

@@ -1,5 +1,5 @@
-//! Self-calibration in fixed worst cases: deviations that the grid cannot separate, declared as totals or not at all.
-//! The deviations are made from their definition, by no code of the estimator.
+//! Self-calibration in fixed worst cases: deviations that the grid cannot separate, declared as totals or not at
+//! all. The deviations are computed from their definition, without code of the estimator.
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -19,12 +19,12 @@ use crate::support::plan_player;
 
 type Changes<'a> = &'a [(&'a str, Value)];
 
-/// A machine as it is and as its file declares it.
+/// A true machine and its declaration in the file.
 struct Case<'a> {
     common: Changes<'a>,
     declared: Changes<'a>,
     world: Changes<'a>,
-    /// Deviation of the ball from its commanded place, along the outward normal, mm; less pre-travel.
+    /// Deviation of the ball from its commanded position, along the outward normal, mm; minus pre-travel.
     deviation: fn(&Step, &Reading, &mut dyn FnMut() -> f64) -> f64,
 }
 
@@ -49,7 +49,7 @@ fn machine(seed: u64, changes: &[Changes<'_>]) -> MachineFile {
 }
 
 impl Case<'_> {
-    /// Measured in the world of this seed.
+    /// Measurement in the world of this seed.
     fn measured(&self, seed: u64) -> (MachineFile, Plan, Vec<Reading>, [f64; 2]) {
         let world = machine(seed, &[self.common, self.world]);
         let file = machine(seed, &[self.common, self.declared]);
@@ -58,7 +58,7 @@ impl Case<'_> {
         let (plan, mut readings) = plan_player::measure(&mut world, method.as_ref(), header);
         for reading in &mut readings {
             let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
-            // The same numbers for each touch of a world.
+            // The same random numbers for each touch of a world.
             let random = &mut stream(seed, &[0x6f75_7473]);
             let off = (self.deviation)(step, reading, &mut || random.random());
             let displayed = reading.position.xyz() - Vector3::from(step.normal) * off;
@@ -80,7 +80,8 @@ impl Case<'_> {
         (first..first + count).into_par_iter().map(|seed| self.estimate(seed)).collect()
     }
 
-    /// Each parameter is within U of its truth in at least 93 of 100 worlds; all but the location are 0.
+    /// Checks that each parameter is within U of its true value in at least 93 of 100 worlds; all true values
+    /// except the location are 0.
     fn is_covered(&self, first: u64, symbols: &[&str]) {
         let worlds = population(200);
         let estimates = self.estimates(first, worlds);
@@ -111,7 +112,7 @@ fn parameter<'e>(estimate: &'e Estimate, symbol: &str) -> &'e Parameter {
     estimate.parameters.iter().find(|own| own.symbol == symbol).unwrap()
 }
 
-/// A machine that declares totals has U at most twice that of one that declares their orders.
+/// Asserts that U with declared totals is at most twice U with declared orders.
 fn assert_u_at_most_twice(totals: &Case<'_>, orders: &Case<'_>, symbols: &[&str]) {
     for symbol in symbols {
         let [total, order] = [totals, orders].map(|case| case.expanded(symbol));
@@ -124,16 +125,16 @@ fn two_heights() -> (&'static str, Value) {
     ("method.self-calibration.heights_mm", vec![30.0, 70.0].into())
 }
 
-/// Z is bowed by 2 um over 100 mm, its top anywhere within 50 mm of the part's middle.
+/// Z is bowed by 2 um over 100 mm, with its vertex anywhere within 50 mm of the part's middle.
 #[test]
 fn a_bowed_z_axis_is_in_the_budget_of_the_tilt() {
     const BOW_MM: f64 = 2e-3;
     let bow = |step: &Step, reading: &Reading, random: &mut dyn FnMut() -> f64| {
         let (direction, top) = (std::f64::consts::TAU * random(), 100.0 * (random() - 0.5));
-        // Of the stylus ball, which stands 120 mm below the spindle datum.
+        // Height of the stylus ball, which is 120 mm below the spindle datum.
         let height = reading.position.at(Axis::Z) - 120.0 - HEIGHT_MM;
         let bow = |height: f64| BOW_MM * ((height - top) / 100.0).powi(2);
-        // The location is that at the mean height.
+        // The location refers to the mean height.
         let sideways = bow(height) - bow(0.0);
         sideways * (direction.cos() * step.normal[0] + direction.sin() * step.normal[1])
     };
@@ -154,7 +155,7 @@ fn motion_at_order_eight() -> Value {
     vec![Value::from(motion)].into()
 }
 
-/// The mean over eight angles takes an error motion at order 8 for the location of the axis.
+/// In the mean over eight angles, an error motion of order 8 appears as a location error of the axis.
 #[test]
 fn an_error_motion_at_the_order_of_the_grid_is_in_the_budget() {
     let world = [("simulated.error_motion", motion_at_order_eight())];
@@ -163,7 +164,7 @@ fn an_error_motion_at_the_order_of_the_grid_is_in_the_budget() {
     let case = |declared| Case { common: &[], declared, world: &world, deviation: none };
     case(&total).is_covered(300, &LOCATION);
     assert_u_at_most_twice(&case(&total), &case(&orders), &["EX0C", "EY0C"]);
-    // Orders that the grid separates have no part in it.
+    // Orders that the grid separates do not contribute.
     let separated =
         [total[0].clone(), ("axes.C.error_motion_orders", vec![Value::Integer(2)].into())];
     let [by_total, without] =
@@ -171,7 +172,7 @@ fn an_error_motion_at_the_order_of_the_grid_is_in_the_budget() {
     assert!(without < 0.7 * by_total, "{without} {by_total}");
 }
 
-/// A probe with `lobes` lobes of `size_mm`, turned anywhere: it triggers late where it is positive.
+/// A probe with `lobes` lobes of `size_mm` at a random angle: it triggers late where the value is positive.
 fn lobed(lobes: f64, size_mm: f64, step: &Step, random: &mut dyn FnMut() -> f64) -> f64 {
     let azimuth = step.normal[1].atan2(step.normal[0]);
     size_mm * (lobes * azimuth + std::f64::consts::TAU * random()).cos()
@@ -224,14 +225,14 @@ fn backlash_is_in_the_budget() {
     case.is_covered(900, &WITH_SQUARENESS);
 }
 
-/// An alarm: a sentence that the sources do not explain the readings.
+/// Whether there is an alarm: a sentence that the sources do not explain the readings.
 fn is_flagged(estimate: &Estimate) -> bool {
     let explains = |line: &String| line.contains("explain");
     estimate.verdict == Verdict::UndecidedModel || estimate.warnings.iter().any(explains)
 }
 
-/// So good that the deviation is five standard uncertainties of the second harmonic of E_radial. On the built-in machine it
-/// is two or three.
+/// A machine so accurate that the deviation is five standard uncertainties of the second harmonic of E_radial. On
+/// the built-in machine it is two or three.
 const GOOD_MACHINE: [(&str, f64); 5] = [
     ("probe.repeatability_um", 0.1),
     ("axes.X.error_motion_um", 0.1),
@@ -251,7 +252,7 @@ fn assert_flagged(case: &Case<'_>, lobing_um: f64, first: u64) {
     assert!(flagged * 100 >= 95 * worlds, "{flagged} of {worlds}");
 }
 
-/// 0.3 um are declared, over five orders.
+/// 0.3 um are declared, distributed over five orders.
 #[test]
 fn two_lobes_beyond_what_is_declared_are_flagged() {
     let world = [("probe.lobing_um", 0.0.into())];
@@ -268,14 +269,15 @@ fn backlash_that_is_not_declared_is_flagged() {
     assert_flagged(&case, 0.1, 1300);
 }
 
-/// The largest size that a touch must be off to be found with a probability of 95 %, as the estimate states it.
+/// Largest of the deviations of single touches that are detected with a probability of 95 %, as stated in the
+/// estimate.
 fn largest_found_mm(estimate: &Estimate) -> f64 {
     let sizes = estimate.smallest_found.iter().map(|one| one.deviation_um.unwrap());
     sizes.fold(0.0, f64::max) * 1e-3
 }
 
-/// A chip lifts one touch of the cycle off by as much as the estimate states, and by 20 um: it is named, alone or with
-/// those that look the same, and no verdict is based on it.
+/// A chip displaces one touch of the cycle by the size that the estimate states, and by 20 um: the touch is named,
+/// alone or with those that have the same effect, and no verdict is based on it.
 #[test]
 fn a_touch_that_is_off_is_named() {
     let worlds = population(100);
@@ -285,7 +287,7 @@ fn a_touch_that_is_off_is_named() {
         let is_named = |seed: u64| {
             let (file, plan, mut readings, _) = case.measured(seed);
             let (method, _) = setup::header(&file, "self-calibration", None).unwrap();
-            // The first five locate the part; those of its top are no part of the identification.
+            // The first five touches locate the part; those on its top are not used in the identification.
             let step_of =
                 |reading: &Reading| plan.steps.iter().find(|s| s.id == reading.step).unwrap();
             let is_radial = |reading: &&mut Reading| step_of(reading).normal[2] == 0.0;
@@ -311,7 +313,7 @@ fn a_touch_that_is_off_is_named() {
     }
 }
 
-/// All alarms of a sound machine together: 1 %.
+/// All alarms of a correct machine together: 1 %.
 #[test]
 fn a_sound_machine_is_not_flagged() {
     let worlds = if is_full() { 1000 } else { 100 };

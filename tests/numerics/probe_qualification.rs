@@ -1,4 +1,4 @@
-//! The map of the probe in worlds whose pre-travel is made from its definition, and what later runs gain by it.
+//! The map of the probe in worlds whose pre-travel is computed from its definition, and its effect on later runs.
 
 use std::f64::consts::TAU;
 
@@ -28,7 +28,7 @@ const ROUNDING: [(&str, Value); 3] = [
     ("axes.Z.resolution_um", Value::Float(0.0)),
 ];
 
-/// How far too far out a touch is read whose outward normal is given: in the frame of the spindle, and of the machine.
+/// Error of a touch along its outward normal; the normal is given in the frame of the spindle, and of the machine.
 type Deviation<'a> = &'a (dyn Fn(Vector3<f64>, Vector3<f64>) -> Vector3<f64> + Sync);
 
 fn machine(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
@@ -48,7 +48,7 @@ fn world(text: &str, turns: bool, changes: &[(&str, Value)]) -> MachineFile {
     machine(text, turns, &[changes, &none].concat())
 }
 
-/// Played in the world of `world`, with the deviation added to what is displayed.
+/// Played in the world of `world`, with the deviation added to the displayed position.
 fn measured(
     method: &str,
     file: &MachineFile,
@@ -83,7 +83,7 @@ fn parameter<'e>(estimate: &'e Estimate, symbol: &str) -> &'e Parameter {
     estimate.parameters.iter().find(|own| own.symbol == symbol).unwrap()
 }
 
-/// Σ (c cos kα + s sin kα), fading towards the pole.
+/// Σ (c cos kα + s sin kα), falling to zero towards the pole.
 fn lobes(terms: &[(f64, [f64; 2])], n: Vector3<f64>) -> f64 {
     let azimuth = n.y.atan2(n.x);
     let term = |(k, [c, s]): &(f64, [f64; 2])| c * (k * azimuth).cos() + s * (k * azimuth).sin();
@@ -99,7 +99,8 @@ fn normals(seed: u64) -> impl FnMut() -> f64 {
     }
 }
 
-/// Lobes of 1 um of each order from 2 to 6; a stylus offset of 5 um; a ball with 0.1 um of form. All else as declared.
+/// Lobes of 1 um in each order from 2 to 6; a stylus offset of 5 um; a ball with 0.1 um of form. Everything else as
+/// declared.
 fn qualified(seed: u64, turns: bool) -> (Estimate, Vec<(String, f64)>) {
     let changes = [
         ("simulated.seed", Value::Integer(seed as i64)),
@@ -128,13 +129,13 @@ fn qualified(seed: u64, turns: bool) -> (Estimate, Vec<(String, f64)>) {
             ("x_stylus".to_owned(), offset.x * 1e3),
             ("y_stylus".to_owned(), offset.y * 1e3),
         ]),
-        // The second order is not taken off.
+        // The second order is not corrected.
         false => drop(truth.drain(..2)),
     }
     (identified(&file, &plan, &readings), truth)
 }
 
-/// METHODS, section 6.
+/// Coverage standard of METHODS, section 6.
 #[test]
 fn the_map_is_within_its_uncertainty() {
     const FULL: u64 = 1000;
@@ -193,7 +194,7 @@ fn the_map_takes_off_the_bias_by_three_lobes() {
         let room = world(QUALIFICATION, false, &fixed[..1]);
         let (plan, readings) = measured("probe-qualification", &ball, &room, &lobes);
         let map = identified(&ball, &plan, &readings);
-        // Rounding would not be the same with lobes and without.
+        // The rounding would differ between the worlds with and without lobes.
         let fixed = [&fixed[..], &ROUNDING].concat();
         let part = machine(SELF_CALIBRATION, false, &fixed);
         let room = world(SELF_CALIBRATION, false, &fixed);
@@ -244,7 +245,7 @@ fn lobes_that_the_map_does_not_have_contradict_it() {
     let found = parameter(&estimate, "E_probe_c9");
     assert_eq!(estimate.verdict, Verdict::None);
     assert!((found.value - 1.0).abs() < 3.0 * found.u, "{found:?}");
-    // A later run would not believe what contradicts itself.
+    // A later run rejects an estimate with a misfit.
     let (method, mut plan) = setup::header(&file, "samba", None).unwrap();
     let contradicted = Estimate { verdict: Verdict::UndecidedModel, ..estimate.clone() };
     plan.priors = vec![contradicted];
@@ -269,7 +270,7 @@ fn without_a_certificate_the_form_of_the_ball_is_not_taken_for_the_probe() {
     assert!(method.check_priors(&plan).unwrap_err().instead.contains("form_um"));
 }
 
-/// A ball that has moved meanwhile has another centre, and the probe the same map.
+/// A ball that has moved meanwhile has another centre, but the map of the probe is the same.
 #[test]
 fn the_map_stays_where_the_ball_moves_in_an_interruption() {
     let three = |n: Vector3<f64>, _: Vector3<f64>| n * lobes(&[(3.0, [2e-3, 0.0])], n);
@@ -310,7 +311,7 @@ fn a_touch_that_is_off_is_named() {
     assert_eq!((named, estimate.verdict), (vec![step.label.as_str()], Verdict::UndecidedModel));
 }
 
-/// With a spindle that is turned: SAMBA finds the machine and the stylus as without lobes and offset.
+/// With a turned spindle: SAMBA gives the same machine and stylus as without lobes and offset.
 #[test]
 fn a_map_of_a_turned_spindle_leaves_nothing_in_samba() {
     const SAMBA: &str = include_str!("../../config/samba.toml");
@@ -346,6 +347,6 @@ fn a_map_of_a_turned_spindle_leaves_nothing_in_samba() {
         println!("{symbol}: {before:.5} without the map, {after:.5} with it, u {u:.5}");
         assert!(after < 2.0 * u, "{symbol}");
     }
-    // mm: as far as the stylus stands off.
+    // Limits in mm: up to the offset of the stylus.
     assert!(shift(&biased, "tool_x") > 3e-3 && shift(&corrected, "tool_x") < 3e-4);
 }

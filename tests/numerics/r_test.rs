@@ -1,6 +1,6 @@
-//! The discrete R-test through the simulated machine: coverage (METHODS section 6), and its comparison with
-//! self-calibration of the same table. The error motions are those of the machine file; the world turns them into
-//! poses by its own chain.
+//! The discrete R-test through the simulated machine: coverage (METHODS section 6), and comparison with
+//! self-calibration of the same table. The error motions are those of the machine file; the world computes poses
+//! from them by its own chain.
 
 use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
@@ -19,18 +19,18 @@ use testing::population::{is_full, population};
 
 const R_TEST: &str = include_str!("../../config/r-test.toml");
 const SELF_CALIBRATION: &str = include_str!("../../config/simulated.toml");
-/// Height of the sphere over the table, mm.
+/// Height of the sphere above the table, mm.
 const HEIGHT_MM: f64 = 60.0;
 
 fn machine(seed: u64) -> Table {
     let mut table: Table = R_TEST.parse().unwrap();
     set(&mut table, "simulated.seed", Value::Integer(seed as i64));
     set(&mut table, "method.r-test.monte_carlo_trials", Value::Integer(100));
-    // The simulated machine stands exactly where it is commanded, on multiples of the displayed step.
+    // The simulated machine is exactly at its commanded position, a multiple of the display step.
     for axis in ["X", "Y", "Z"] {
         set(&mut table, &format!("axes.{axis}.resolution_um"), Value::Float(0.0));
     }
-    // The simulated sphere has no form.
+    // The simulated sphere has no form error.
     set(&mut table, "method.r-test.u_sphere_form_um", Value::Float(0.0));
     table
 }
@@ -50,13 +50,14 @@ fn played(table: &Table, method: &str) -> Played {
     Played { method, plan, readings, world }
 }
 
-/// The estimate, and the true position of the axis in the middle of the run from the stated one, mm.
+/// The estimate, and the true position of the axis in the middle of the run relative to the stated one, mm.
 fn measured(table: &Table, method: &str) -> (Estimate, Vector2<f64>) {
     let Played { method, plan, readings, world } = played(table, method);
     let estimate = method.identify(&plan, &readings).unwrap();
     let times = readings.iter().map(|reading| reading.t_s);
     let middle = times.clone().sum::<f64>() / times.count() as f64;
-    // Against the stated axis: linear axes and stylus offset are errors of the result, and the table drifts.
+    // Relative to the stated axis: errors of linear axes and stylus offset are errors of the result, and the table
+    // drifts.
     let declared = |key: &str| table["simulated"]["errors"][key].as_float().unwrap() * 1e-3;
     let drift = world.true_drift_mm(middle);
     (estimate, Vector2::new(declared("EX0C_um") + drift[0], declared("EY0C_um") + drift[1]))
@@ -117,7 +118,7 @@ fn u_is_true_on_the_built_in_machine() {
     assert!(share.iter().all(|share| shares.contains(share)), "{share:?}");
 }
 
-/// The same table by both methods, each with a probe and sensors of its own.
+/// Measures the same table by both methods, each with its own probe and sensors.
 #[test]
 fn self_calibration_agrees() {
     let r_test = machine(3);
@@ -168,7 +169,7 @@ fn an_interruption_is_a_step_and_a_scan_stopped_twice_has_one() {
     let plain = method.identify(&plan, &readings).unwrap();
     let turns = plan.steps.iter().find(|step| step.label == "turn/forward").unwrap().id;
     let begins_s = readings.iter().find(|reading| reading.step == turns).unwrap().t_s;
-    // Both before the turn as it was measured at last.
+    // Both gaps are before the last measured turn.
     plan.gaps_s = vec![begins_s - 0.2, begins_s - 0.1];
     let stopped = method.identify(&plan, &readings).unwrap();
     assert_eq!(stopped.unknowns, plain.unknowns + 3);

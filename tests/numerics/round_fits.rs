@@ -1,7 +1,7 @@
-//! Circle and sphere fits against references computed to 60 digits by another way of minimising
-//! (`tests/data/round_fits/references.py`): noisy, small arcs and caps, far from the origin, five
-//! touches on a ball. What is left must be rounding: of the centre itself, and of the distances as the
-//! geometry amplifies it.
+//! Circle and sphere fits compared with references computed to 60 digits by another minimisation method
+//! (`tests/data/round_fits/references.py`): noisy data, small arcs and caps, far from the origin, five touches on a
+//! ball. The remaining error must be rounding: of the centre itself, and of the distances as amplified by the
+//! geometry.
 
 use estimation::circle::fit_circle;
 use estimation::sphere::fit_sphere;
@@ -19,12 +19,12 @@ struct Case {
 struct Fitted {
     centre: Vec<f64>,
     radius: f64,
-    /// Not known of a circle.
+    /// The reference of a circle has none.
     covariance: Option<Vec<Vec<f64>>>,
     residuals: Option<Vec<f64>>,
 }
 
-/// In roundings of the distances, as the worst signs of them add up.
+/// Allowed error, in units of the rounding error of the distances with the worst signs.
 const ALLOWED: f64 = 4.0;
 
 fn table() -> Vec<Case> {
@@ -55,8 +55,8 @@ fn fitted(case: &Case) -> Fitted {
     }
 }
 
-/// As in the table, and each over and over: that has the same circle or sphere, and a covariance that
-/// much smaller. So many go another way, save those that resemble neither.
+/// The cases of the table, and each with repeated points: these have the same circle or sphere, and a covariance
+/// smaller by that factor. So many points take a different code path, except those that are near neither shape.
 fn cases() -> Vec<Case> {
     let round = |case: &Case| !case.name.starts_with("rough");
     table().into_iter().chain(table().into_iter().filter(round).map(repeated)).collect()
@@ -93,7 +93,7 @@ fn centres_and_radii_to_the_last_digits() {
             .collect();
         for (k, (found, reference)) in sought.into_iter().enumerate() {
             let variance = number(&case.covariance[k][k]);
-            // One rounding of each distance, and one of the result.
+            // One rounding error of each distance, and one of the result.
             let spread = (variance * case.points.len() as f64).sqrt();
             let rounding = f64::EPSILON * (radius * spread + reference.abs());
             let error = (found - reference).abs() / rounding;

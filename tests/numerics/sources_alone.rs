@@ -1,5 +1,5 @@
-//! METHODS, section 6: a source switched on changes its line of the budget and the scatter alike. Each world is
-//! measured with the source and without, all else being the same.
+//! METHODS, section 6: switching a source on changes its line of the budget and the scatter by the same amount.
+//! Each world is measured with and without the source, everything else being equal.
 
 use std::slice;
 
@@ -16,10 +16,10 @@ use crate::support::plan_player;
 use crate::touch_alone::touch_alone;
 
 const FULL: u64 = 400;
-/// Parameters of which the source is less than this part of u are left out.
+/// Smallest share of u at which the contribution of a source to a parameter is tested.
 const LEAST_PART: f64 = 0.05;
 
-/// A line of the budget; keys of the machine file with the sizes of the source and of nothing.
+/// A line of the budget; keys of the machine file, with the size of the source when switched on and off.
 struct Source {
     line: &'static str,
     keys: &'static [&'static str],
@@ -48,7 +48,8 @@ const REPEATABILITY: Source = Source {
 };
 const LOBING: Source = source("probe lobing", &["probe.lobing_um"], 1.0);
 const STYLUS: Source = source("stylus offset", &["probe.stylus_offset_um"], 1.0);
-/// A lag is never negative: of one axis alone, for those of two are not independent in their difference.
+/// Lost motion is never negative. It is tested for one axis alone, because the lags of two axes are not independent
+/// in their difference.
 const BACKLASH_OF_X: Source = source("backlash", &["axes.X.backlash_um"], 2.0);
 const BACKLASH_OF_Z: Source = source("backlash", &["axes.Z.backlash_um"], 2.0);
 const LINEAR_MOTIONS: Source = source("error motions of X, Y and Z", &LINEAR, 1.0);
@@ -135,19 +136,19 @@ fn built_in(method: &str, text: &str, seed: u64, changes: &[(&'static str, Value
 }
 
 impl Case {
-    /// With all `sources` at their sizes, or at nothing.
+    /// Machine file with all `sources` switched on or off.
     fn file(&self, seed: u64, sources: &[Source], is_on: bool) -> MachineFile {
         let own = sources.iter().flat_map(|source| {
             let size = Value::Float(if is_on { source.on } else { source.off });
             source.keys.iter().map(move |key| (*key, size.clone()))
         });
-        // Rounding would not be the same with a source and without.
+        // The rounding would differ between the worlds with and without a source.
         let resolution = RESOLUTION.map(|key| (key, Value::Float(0.0)));
         let changes: Changes = own.chain(resolution).collect();
         (self.file)(seed, &changes)
     }
 
-    /// Of each parameter that has the lines: seen over stated. The sources are declared in either world.
+    /// For each parameter with these lines: observed over stated scatter. The sources are declared in either world.
     fn ratios(&self, sources: &[Source], worlds: u64) -> Vec<(String, f64)> {
         let declared = self.file(0, sources, true);
         let (method, header) = setup::header(&declared, self.method, None).unwrap();
@@ -178,8 +179,8 @@ impl Case {
     }
 }
 
-/// Whether the true value is the same with the source and without: drift and the error of an axis at its zero move
-/// balls and stylus, and the spindle with it.
+/// Whether the true value is the same with and without the source: drift, and the error of an axis at its zero,
+/// move balls and stylus, and the spindle with them.
 fn is_fixed(source: &Source, symbol: &str) -> bool {
     let moves = [DRIFT.line, LINEAR_MOTIONS.line].contains(&source.line);
     !moves || symbol.starts_with('E') && !symbol.ends_with('S')

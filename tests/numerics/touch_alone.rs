@@ -1,4 +1,4 @@
-//! A touch without the way to it: the world computes next to nothing of the ways between touches.
+//! A touch without the path to it: the world computes next to nothing for the paths between touches.
 
 use machine::record::plan::Step;
 use machine::record::reading::Reading;

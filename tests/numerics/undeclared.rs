@@ -1,5 +1,5 @@
-//! What the machine has and nobody has declared: no verdict is based on such a measurement. The deviations are made
-//! from their definition, by no code of the estimator.
+//! Undeclared errors of the machine: no verdict is based on such a measurement. The deviations are computed from
+//! their definition, without code of the estimator.
 
 use nalgebra::Vector3;
 use rand::RngExt;
@@ -13,27 +13,27 @@ use testing::population::{count_bound, population};
 
 use crate::outliers::{Measured, measured};
 
-/// Where the table stands against the spindle, less where it is said to stand, mm; `seed` of the world.
+/// True minus reported position of the table against the spindle, mm; `seed` of the world.
 type Deviation = fn(&Measured, &Reading, u64) -> Vector3<f64>;
 
-/// X is bowed in Z by 2 um over 400 mm, and B turns by 10 urad more or less than it says.
+/// X is bowed in Z by 2 um over 400 mm, and B has a position error of 10 urad.
 fn bow_and_position_of_b(_: &Measured, reading: &Reading, _: u64) -> Vector3<f64> {
     let at = &reading.position;
     let bow = 2e-3 * (1.0 - (at.at(Axis::X) / 200.0).powi(2));
     let turned = 10e-6 * (2.0 * at.at(Axis::B)).sin();
-    // About B, whose axis goes through the machine's zero.
+    // About B, whose axis passes through the machine's zero.
     let xyz = at.xyz();
     Vector3::new(turned * xyz.z, 0.0, bow - turned * xyz.x)
 }
 
-/// Each axis stops up to 3 um beside where it says, anew at each step.
+/// Each axis stops up to 3 um from its reported position, with a new error at each step.
 fn stick_slip(_: &Measured, reading: &Reading, seed: u64) -> Vector3<f64> {
     let random = &mut stream(seed, &[0x736c_6970, u64::from(reading.step)]);
     let mut stop = || random.random_range(-3e-3..3e-3);
     Vector3::new(stop(), stop(), stop())
 }
 
-/// The table creeps by 5 um along each axis, most of it in the first quarter of the run.
+/// The table drifts by 5 um along each axis, most of it in the first quarter of the run.
 fn warming_up(measured: &Measured, reading: &Reading, _: u64) -> Vector3<f64> {
     let times = measured.readings.iter().map(|reading| reading.t_s);
     let [first, last] = [times.clone().fold(f64::MAX, f64::min), times.fold(f64::MIN, f64::max)];
@@ -41,7 +41,8 @@ fn warming_up(measured: &Measured, reading: &Reading, _: u64) -> Vector3<f64> {
     Vector3::repeat(5e-3 * (1.0 - (-4.0 * part).exp()))
 }
 
-/// At least 95 of 100 are `undecided (model)`, and as many name one of the `likely` sources first.
+/// Checks that at least 95 of 100 worlds are `undecided (model)`, and that as many name one of the `likely` sources
+/// first.
 fn is_flagged(method: &str, deviation: Deviation, likely: &[&str]) {
     let worlds = population(100);
     let of_world = |seed: u64| {

@@ -1,4 +1,4 @@
-//! Whether the stated uncertainty is true: worlds whose sources are declared by magnitude only.
+//! Coverage of the stated uncertainty: worlds whose sources are declared by magnitude only.
 
 use nalgebra::{Matrix4, Vector4};
 
@@ -43,7 +43,7 @@ fn estimate(file: &MachineFile) -> (Estimate, [f64; 4]) {
     (estimate, [x * 1e3, y * 1e3, 0.0, 0.0])
 }
 
-/// χ² of the four parameters against the truth, by the stated covariance.
+/// χ² of the four parameters against the true values, with the stated covariance.
 fn chi2(estimate: &Estimate, truth: [f64; 4]) -> f64 {
     let symbols = ["EX0C", "EY0C", "EYY1-EXX1", "EC0Y"];
     assert_eq!(estimate.covariance.symbols, symbols);
@@ -55,7 +55,7 @@ fn chi2(estimate: &Estimate, truth: [f64; 4]) -> f64 {
     off.dot(&(matrix.try_inverse().unwrap() * off))
 }
 
-/// The mean over the worlds of χ²/4 lies within the 99 % bounds of χ² with 4·worlds degrees of freedom.
+/// Asserts that the mean over the worlds of χ²/4 is within the 99 % bounds of χ² with 4·worlds degrees of freedom.
 fn assert_chi2(changes: &[(&str, &str)]) {
     let worlds = population(FULL_WORLDS);
     let mut sum = 0.0;
@@ -93,8 +93,8 @@ fn regress_u_is_true_on_a_machine_with_poor_axes() {
     ]);
 }
 
-/// The sources that can be declared, by their name in the budget and their key; a declared
-/// repeatability cannot be zero.
+/// The sources that can be declared, by their name in the budget and their key; a declared repeatability cannot be
+/// zero.
 const SOURCES: [(&str, &str, &str, &str); 6] = [
     ("repeatability of a touch", "repeatability_um", "1.0", "0.001"),
     ("resolution", "resolution_um", "3.0", "0.0"),
@@ -104,7 +104,7 @@ const SOURCES: [(&str, &str, &str, &str); 6] = [
     ("thermal drift", "drift_um_per_h", "60.0", "0.0"),
 ];
 
-/// One source alone (METHODS section 6): what its budget line says is what is seen to scatter.
+/// One source alone (METHODS section 6): its budget line equals the observed scatter.
 #[test]
 fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
     const FULL: u64 = 100;
@@ -114,7 +114,7 @@ fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
         let (mut squares, mut stated, mut count) = (0.0, 0.0, 0.0);
         for world in 0..worlds as u32 {
             let seed = (5000 + world).to_string();
-            // Rounding is chance only where the part stands elsewhere each time.
+            // Rounding is random only if the part is at a different position each time.
             let offset = |step: f64| (f64::from(world) * step).fract() - 0.5;
             let place = format!("[{:.5}, {:.5}]", offset(0.618034), offset(0.754878));
             let mut changes = vec![("seed", seed.as_str()), ("centre_offset_mm", place.as_str())];
@@ -123,7 +123,7 @@ fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
             for (_, other, _, off) in SOURCES {
                 changes.push((other, if other == key { on } else { off }));
             }
-            // Drift that is not fitted has to stand in the budget.
+            // Drift that is not fitted must be in the budget.
             let order = i32::from(key != "drift_um_per_h");
             let text = format!("{}drift_order = {order}\n", machine(&changes).text());
             let file = MachineFile::parse("alone.toml", text).expect("a sound machine file");
@@ -142,8 +142,8 @@ fn regress_each_budget_line_is_the_scatter_of_its_source_alone() {
     }
 }
 
-/// With the spindle following the probe angle neither stylus offset nor lobing reaches the axis
-/// position; with a fixed spindle they do.
+/// With the spindle following the probe angle neither stylus offset nor lobing affects the axis position; with a
+/// fixed spindle they do.
 #[test]
 fn regress_a_following_spindle_removes_stylus_offset_and_lobing() {
     let found = |spindle: &str| {
@@ -163,8 +163,9 @@ fn regress_a_following_spindle_removes_stylus_offset_and_lobing() {
     assert!(following < 2.0 && u_following < 0.6, "following: {following} um, u {u_following} um");
 }
 
-/// Interrupted for ten minutes after `kept` touches of the cycle; meanwhile something moves by 3 µm in
-/// X: the table, or the part on it by this share. The references are measured again, then the rest.
+/// Estimate and truth of a run that is interrupted for ten minutes after `kept` touches of the cycle. Meanwhile a
+/// shift of 3 µm in X occurs: `share` of it moves the part on the table, the rest moves the table axis. The references
+/// are measured again, then the rest.
 fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
     const STEP_UM: f64 = 3.0;
     const GAP_S: f64 = 600.0;
@@ -204,7 +205,7 @@ fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
     readings.extend(cycle[kept..].iter().map(|step| plan_player::play(&mut later, step, 0)));
     let estimate = method.identify(&plan, &readings).expect("an estimate");
 
-    // The middle of the time in which somebody measured.
+    // The middle of the measuring time, without the interruption.
     let (first, end) = (readings[5].t_s, readings[readings.len() - 1].t_s);
     let begun = readings[5 + kept].t_s;
     let middle = first + (end - first - (begun - plan.gaps_s[0])) / 2.0;
@@ -216,8 +217,8 @@ fn interrupted(seed: u64, kept: usize, share: f64) -> (Estimate, [f64; 4]) {
     (estimate, [x * 1e3, y * 1e3, 0.0, 0.0])
 }
 
-/// A machine that moved within an interruption: the step is fitted, and U stays true wherever the
-/// cycle was interrupted. Without the gap in the plan this fails by far.
+/// A machine that moved during an interruption: the step is fitted, and U remains valid wherever the cycle was
+/// interrupted. Without the gap in the plan this fails by far.
 #[test]
 fn regress_u_is_true_across_an_interruption() {
     let (worlds, mut sum) = (population(120), 0.0);

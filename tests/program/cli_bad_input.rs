@@ -1,4 +1,4 @@
-//! What a person gets wrong: each is refused with what to do, and nothing moves.
+//! Input errors of a user: each is refused with advice, and nothing moves.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::process::{Command, Output};
@@ -16,7 +16,7 @@ fn trued(state: &TempDir, arguments: &[&str]) -> Output {
 
 const MACHINE: &str = include_str!("../../config/simulated.toml");
 
-/// Run with a changed machine file; the exit code and what was said.
+/// Runs a changed machine file; returns the exit code and the message.
 fn refused(machine: &str) -> (Option<i32>, String) {
     let state = TempDir::new().unwrap();
     let file = state.path().join("shop.toml");
@@ -78,7 +78,7 @@ fn regress_a_port_that_answers_nothing_or_nonsense_is_told_apart() {
             use std::io::{Read, Write};
             let (mut stream, _) = listener.accept().unwrap();
             let mut buffer = [0; 256];
-            // Answer every request until the other side gives up.
+            // Answer every request until the client disconnects.
             while stream.read(&mut buffer).is_ok_and(|count| count > 0) {
                 if let Some(bytes) = answer {
                     let _ = stream.write_all(bytes);
@@ -122,7 +122,7 @@ fn regress_a_limit_that_nothing_answers_to_is_named() {
     assert!(said.contains("limit for EX0Q in µm matches no parameter"), "{said}");
 }
 
-/// Settings that would fail on the way are refused before the first move, with what to choose.
+/// Settings that would fail during the run are refused before the first move, with advice.
 fn regress_settings_that_cannot_work_are_refused_before_motion() {
     for (setting, named) in [
         ("standoff_mm = 0.0", "greater than 0"),

@@ -1,5 +1,5 @@
-//! The files that others build on: their keys, units and senses, key by key, both ways. A change
-//! here is a change of contract and wants a note in CHANGELOG.md.
+//! The file formats of the public contract: their keys, units and signs, key by key, for reading and writing. A
+//! change here is a change of contract and needs a note in CHANGELOG.md.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::f64::consts::PI;
@@ -13,7 +13,7 @@ use machine::record::reading::Flag;
 use serde_json::{Value, json};
 use trued::report::readings_csv;
 
-/// A plan as somebody may write it by hand: nothing but the keys of the contract.
+/// A hand-written plan with only the keys of the contract.
 fn plan() -> Value {
     json!({
         "trued_plan": 1,
@@ -62,7 +62,7 @@ fn estimate() -> Value {
     })
 }
 
-/// Every key of `given` stands in `made` with the same value; `made` may say more.
+/// Asserts that every key of `given` is in `made` with the same value; `made` may have more keys.
 fn assert_holds(made: &Value, given: &Value, at: &str) {
     match (made, given) {
         (Value::Object(made), Value::Object(given)) => {
@@ -112,7 +112,7 @@ fn a_plan_by_hand_is_understood() {
     assert_eq!((step.id, step.stage, step.kind), (0, 0, StepKind::Touch));
     assert_eq!((step.label.as_str(), step.sensor()), ("1a/C045", "probe"));
     assert_eq!((step.feed_mm_min, step.normal), (30.0, [1.0, 0.0, 0.0]));
-    // Inside: mm and rad.
+    // Internal units: mm and rad.
     assert_eq!(step.from.get(Axis::Z), Some(62.0));
     assert!((step.from.at(Axis::C) - PI / 4.0).abs() < 1e-15);
     assert!((step.from.at(Axis::S) + PI / 2.0).abs() < 1e-15);
@@ -175,7 +175,7 @@ fn an_estimate_is_written_with_the_keys_of_the_contract() {
     assert_eq!(verdicts, ["pass", "fail", "undecided", "undecided (model)", "none"]);
 }
 
-/// A file read from JSON and written again says the same to the last bit.
+/// A file read from JSON and written again has identical numbers.
 fn numbers_survive_the_files() {
     let mut random = estimation::random::stream(3, &[]);
     for _ in 0..1000 {

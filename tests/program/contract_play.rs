@@ -1,5 +1,5 @@
-//! The contract of `plan --json` and `identify`: another program plays the machine from the plan's
-//! JSON alone, with geometry of its own (a line meets a circle), and feeds the readings back.
+//! The contract of `plan --json` and `identify`: an independent program plays the machine from the plan's JSON
+//! alone, with its own geometry (intersection of a line and a circle), and feeds the readings back.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::fmt::Write as _;
@@ -8,7 +8,7 @@ use std::process::{Command, Output};
 
 use serde_json::Value;
 
-/// Where the C axis truly stands, mm.
+/// True position of the C axis, mm.
 const AXIS: [f64; 2] = [0.040, -0.025];
 const QUICK: &str = "\n[method.self-calibration]\nmonte_carlo_trials = 1000\n";
 /// Centre of the part at C = 0, mm.
@@ -23,8 +23,7 @@ fn number(value: &Value, path: &[&str]) -> f64 {
     found.as_f64().unwrap_or_else(|| panic!("no number at {path:?}"))
 }
 
-/// Contact of one touch, mm: the ball centre comes to `reach` from the part's axis, or stands on its
-/// top face.
+/// Contact of one touch, mm: the ball centre is at `reach` from the part's axis, or on its top face.
 fn contact(plan: &Value, step: &Value) -> [f64; 3] {
     let height = number(step, &["from", "Z"]);
     if number(&step["normal"][2], &[]) > 0.5 {
@@ -58,12 +57,12 @@ fn contact(plan: &Value, step: &Value) -> [f64; 3] {
     [start[0] + s * way[0] - tool[0], start[1] + s * way[1] - tool[1], height]
 }
 
-/// Columns in an order of this program's own, rotary axes and times included.
+/// Readings with columns in a different order, including rotary axes and times.
 fn readings(plan: &Value) -> String {
     let mut csv = "# trued-readings 1\n# played by another program\n".to_owned();
     csv.push_str("t_s,c_deg,step,repeat,y_mm,x_mm,z_mm,b_deg,temp_room_c\n");
     let steps = plan["steps"].as_array().unwrap().iter();
-    // What asks a person moves nothing.
+    // A prompt moves nothing.
     let moves = steps.filter(|step| step["kind"] != "prompt");
     for (i, step) in moves.enumerate() {
         let [x, y, z] = contact(plan, step);
@@ -105,7 +104,7 @@ fn regress_another_program_plays_the_plan_and_feeds_identify() {
         let found = parameters.iter().find(|p| p["symbol"] == symbol).unwrap();
         assert_eq!(found["unit"], "um");
         let off = number(found, &["value"]) - truth * 1e3;
-        // Exact geometry; what remains is of third order in the offsets.
+        // Exact geometry; the remaining error is of third order in the offsets.
         assert!(off.abs() < 0.2, "{symbol} is off by {off} um");
     }
 }
@@ -136,8 +135,8 @@ fn u_of(estimate: &Value) -> f64 {
     number(&estimate["parameters"][0], &["u"])
 }
 
-/// Readings without times must not look better than with them; all excluded, a full turn of C more,
-/// half of the times: told, never silently taken.
+/// Readings without times must not give a smaller U. A full turn added to C changes nothing. Readings that are all
+/// excluded, that lack one time, and a plan without normals are refused.
 fn regress_odd_but_honest_readings() {
     let folder = tempfile::tempdir().unwrap();
     let printed = quick_plan(folder.path());
@@ -184,7 +183,7 @@ fn regress_odd_but_honest_readings() {
     assert_eq!(output.status.code(), Some(1), "a plan without normals");
 }
 
-/// Each bad file: a piece of the message that names the trouble. Nothing is taken silently.
+/// Each bad file, with a part of the message that names the error. No error is silently accepted.
 fn regress_bad_readings_are_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let printed = quick_plan(folder.path());
@@ -209,7 +208,8 @@ fn regress_bad_readings_are_refused_by_name() {
     }
 }
 
-/// With prompts the plan is the same, numbered on from them; so is what is identified, to the last digit.
+/// With prompts the plan is the same, with numbers that continue after them; the identification is the same to the
+/// last digit.
 fn regress_what_asks_a_person_is_played_and_identified_over() {
     let folder = tempfile::tempdir().unwrap();
     let prompts = "\n[[prompt]]\ntext = \"part and stylus are clean (100 %)\"\n\
@@ -262,7 +262,7 @@ fn regress_what_asks_a_person_is_played_and_identified_over() {
             let found = trued(&[&["identify", method], files].concat());
             assert!(found.status.success(), "{}", String::from_utf8_lossy(&found.stderr));
             let mut found: Value = serde_json::from_slice(&found.stdout).unwrap();
-            // The plans differ.
+            // The plans differ, and so does the provenance.
             found.as_object_mut().unwrap().remove("provenance").unwrap();
             found
         };

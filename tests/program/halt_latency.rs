@@ -1,6 +1,6 @@
-//! A halt reaches the wire within 20 ms of its request, measured at the port, while the driver asks
-//! for the status in mid-job, its runtime computes, and another thread renders templates. Where the computer is
-//! loaded with other things as well a part of one rendering is allowed: so long as a rendering takes there.
+//! A halt reaches the wire within 20 ms of its request, measured at the port, while the driver polls the status
+//! during a job, its runtime computes, and another thread renders templates. On a loaded computer a part of the
+//! duration of one rendering is allowed in addition.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::sync::Arc;
@@ -20,15 +20,15 @@ use trued::setup;
 
 const HALTS: usize = 50;
 
-/// What happened at the port.
+/// Events at the port.
 enum Seen {
     Path(String),
-    /// The first status request after the motion was sent: the scan is under way.
+    /// The first status request after the motion was sent: the polling has begun.
     Polled,
     Halted(Instant),
 }
 
-/// A control that never comes to the end of a motion, at a pty, on a thread of its own.
+/// A control that never ends a motion, on a pty and a separate thread.
 fn peer(tell: Sender<Seen>) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
@@ -36,7 +36,7 @@ fn peer(tell: Sender<Seen>) {
         tell.send(Seen::Path(pty.path.clone())).unwrap();
         let (mut line, mut state) = (String::new(), "Idle");
         loop {
-            // Serve until nobody asks any more.
+            // Serve until the client is silent.
             let silence = Duration::from_secs(if state == "Hold:0" { 1 } else { 60 });
             let byte = tokio::time::timeout(silence, pty.device.read_u8()).await;
             let Ok(Ok(byte)) = byte else { return };
@@ -46,7 +46,7 @@ fn peer(tell: Sender<Seen>) {
                     state = "Hold:0";
                     continue;
                 }
-                // `?`, and the report with all fields.
+                // `?`, and the request of a report with all fields.
                 b'?' | 0x87 => {
                     if state == "Run" {
                         let _ = tell.send(Seen::Polled);
@@ -83,7 +83,7 @@ fn block(motions: usize) -> Block {
     Block { step: 1, repeat: 0, motions }
 }
 
-/// A long stage as text, as the run does it before it moves: it takes some 50 ms.
+/// Renders a long stage as text, as a run does before it moves: some 50 ms.
 fn render(dialect: &Dialect) {
     let blocks = [(); 10].map(|()| block(500));
     let program = Program { title: "busy", axes: &[Axis::X, Axis::C], log: None };
@@ -96,7 +96,7 @@ fn patience() -> Patience {
     Patience { answer: ms(10_000), poll: ms(5), aftermath: ms(50), stall: ms(60_000) }
 }
 
-/// The run's runtime: the driver works on it, and in between it renders without a pause.
+/// The runtime of the run: the driver works on it, and in between it renders continuously.
 fn drive(path: String, give: Sender<Halt>) {
     let file = setup::load(None, "self-calibration").unwrap();
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
@@ -120,7 +120,7 @@ fn drive(path: String, give: Sender<Halt>) {
         give.send(halt).unwrap();
         while !ended.load(Ordering::SeqCst) {
             render(&dialect);
-            // The driver's turn.
+            // Yield to the driver.
             tokio::time::sleep(Duration::from_millis(1)).await;
         }
         let outcome = moving.await.unwrap();
@@ -128,7 +128,7 @@ fn drive(path: String, give: Sender<Halt>) {
     });
 }
 
-/// From the request to the arrival of the hold.
+/// Time from the request to the arrival of the hold.
 fn halt_once(wait: Duration) -> Duration {
     let (tell, seen): (_, Receiver<Seen>) = channel();
     std::thread::spawn(move || peer(tell));

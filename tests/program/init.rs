@@ -1,5 +1,5 @@
-//! `trued init` against `trued simulate`, both as programs: what it writes, the reader takes, and a plan
-//! can be made of it.
+//! `trued init` and `trued simulate`, both as programs: the machine file that `init` writes can be read and
+//! planned.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::io::{BufRead, BufReader};
@@ -19,7 +19,7 @@ struct Simulator {
 }
 
 impl Simulator {
-    /// With other lines in place of `wire`.
+    /// Starts with other lines in place of `wire`.
     fn start(folder: &Path, wire: &str) -> Self {
         let file = folder.join("truth.toml");
         assert!(MACHINE.contains("wire = \"memory\"\n"));

@@ -12,7 +12,7 @@ fn trued(state: &std::path::Path, arguments: &[&str]) -> Output {
     command.arg("--state").arg(state).args(arguments).output().unwrap()
 }
 
-/// The estimate of a run of the built-in machine with `wire` in place of its own and `truth` beside.
+/// Estimate of a run of the built-in machine with `wire` in place of its own and with the additional `truth`.
 fn run(wire: &str, truth: &str) -> Value {
     let folder = tempfile::tempdir().unwrap();
     let machine = MACHINE
@@ -45,7 +45,7 @@ fn over_grbl_the_delay_of_the_control_is_found() {
     assert!(!parameter(&estimate, "T_scan").2);
 }
 
-/// The simulated control of the line window, whose latch a PLC's program reads from the second line on.
+/// The simulated control of the line window, whose contacts are latched by a PLC scan from the second line on.
 fn over_modbus_a_latch_in_the_plc_is_found() {
     let wire = "speaks = \"modbus\"\nwire = \"tcp\"";
     let fault = "[[simulated.fault]]\nkind = \"slow-latch\"\n";

@@ -1,5 +1,5 @@
-//! Machines whose zero is in a corner, as a homed grblHAL with soft limits has it: travel from 0 to the
-//! negative side, rotary axes far from zero.
+//! Machines whose zero is in a corner, as with a homed grblHAL with soft limits: travel from 0 to the negative
+//! side, rotary axes far from zero.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::path::Path;
@@ -20,7 +20,7 @@ pub fn trued(folder: &Path, machine: &Table, arguments: &[&str]) -> Output {
     command.args(arguments).arg("--machine").arg(path).output().unwrap()
 }
 
-/// What the program prints as JSON; exit code 3 is a verdict.
+/// JSON output of the program; exit code 3 is a verdict.
 #[track_caller]
 pub fn json(machine: &Table, arguments: &[&str]) -> Value {
     let folder = tempfile::tempdir().unwrap();
@@ -51,7 +51,8 @@ pub fn assert_within_u(estimate: &Value, symbol: &str, truth: f64) {
     assert!((value - truth).abs() <= u, "{symbol}: {value} ± {u}, true {truth}");
 }
 
-/// Without drift and errors of X, Y and Z: the rotary axis is in machine coordinates where the file has it.
+/// The machine without drift and without errors of X, Y and Z: in machine coordinates the rotary axis is at the
+/// position in the file.
 pub fn straight(machine: &str) -> Table {
     let mut machine: Table = machine.parse().unwrap();
     machine["machine"]["drift_um_per_h"] = 0.0.into();
@@ -61,8 +62,8 @@ pub fn straight(machine: &str) -> Table {
     machine
 }
 
-/// config/grblhal-serial.toml in front of the simulated grblHAL, its C axis stated at `stated` and
-/// truly at X -149.95, Y -100.03 mm.
+/// config/grblhal-serial.toml with the simulated grblHAL, its C axis stated at `stated` and truly at X -149.95, Y
+/// -100.03 mm.
 fn corner_machine(stated: [f64; 2]) -> Table {
     let mut machine = straight(GRBLHAL);
     machine["controller"] = Table::from_iter([("kind".into(), "simulated".into())]).into();
@@ -95,7 +96,7 @@ fn the_axis_is_measured_against_its_stated_place() {
     assert!(gauge.contains(&line), "{line} is not in {gauge}");
 }
 
-/// The machine with its zero moved by `zero` (X, Y, Z): what the table carries counts from the new one.
+/// The machine with its zero moved by `zero` (X, Y, Z): positions on the table count from the new zero.
 fn zero_moved(machine: &str, zero: [f64; 3]) -> Table {
     let mut machine: Table = machine.parse().unwrap();
     let number = |value: &toml::Value| {
@@ -132,7 +133,7 @@ fn zero_moved(machine: &str, zero: [f64; 3]) -> Table {
     machine
 }
 
-/// A plan goes to the same places of table and part, wherever the linear axes have their zero.
+/// A plan has the same positions on table and part for every zero of the linear axes.
 fn a_plan_moves_with_the_zero() {
     let cases = [
         ("self-calibration", SIMULATED, [250.0, 250.0, 450.0]),
@@ -159,7 +160,7 @@ fn a_plan_moves_with_the_zero() {
     }
 }
 
-/// Gains and squareness count from the zero of X, Y and Z, so the indexations may be others.
+/// Gains and squareness count from the zero of X, Y and Z, so the indexations may differ.
 fn samba_is_planned_from_a_corner() {
     let steps = |zero| {
         let plan = json(&zero_moved(SAMBA, zero), &["plan", "samba", "--json"]);
@@ -168,7 +169,7 @@ fn samba_is_planned_from_a_corner() {
     assert_eq!(steps([400.0, 400.0, 760.0]), steps([0.0; 3]));
 }
 
-/// The paper's own estimator beside ours counts from where B and C meet, too.
+/// The paper's own estimator, for comparison, also counts from the intersection of B and C.
 fn the_laser_test_is_identified_from_a_corner() {
     let settings = "[method.laser-r-test]\nmonte_carlo_trials = 100\ntilt_deg = [-60.0, 0.0, 60.0]\n\
                     turn_deg = [0.0, 120.0, 240.0]\npoints = 9\nsamples = 4\n";

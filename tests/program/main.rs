@@ -1,5 +1,5 @@
-//! Runs the program as a child process, or waits for simulated devices most of the time. Each trial is named by
-//! its path: `cargo test --test program serve::` runs one suite.
+//! Tests that run the program as a child process, or wait for simulated devices most of the time. Each trial is
+//! named by its path: `cargo test --test program serve::` runs one suite.
 
 #![allow(clippy::too_many_lines, reason = "a trial is one story, and lists of cases are long")]
 

@@ -5,7 +5,7 @@ use serde_json::json;
 use crate::support::harness::{Pool, Trials, trials};
 use crate::support::machine_shop::{MachineShop, built_in_machine, stderr};
 
-/// C stands 100 µm off along X, known to 2 µm; measured over a part of the travel.
+/// C is 100 µm off along X, with U = 2 µm; measured over a part of the travel.
 fn estimate() -> String {
     json!({
         "trued_estimate": 1, "method": "samba", "functions": [], "rank": 1, "unknowns": 1,
@@ -19,7 +19,7 @@ fn estimate() -> String {
     .to_string()
 }
 
-/// At C = 180° a point of the table is 200 µm off where the work zero was set at C = 0: by hand.
+/// At C = 180° a point of the table is 200 µm off from the work zero set at C = 0, computed by hand.
 fn the_tip_is_off_as_reckoned_by_hand() {
     let shop = MachineShop::new(&built_in_machine());
     let (file, poses) = (shop.file("est.json"), shop.file("poses.csv"));
@@ -37,7 +37,7 @@ fn the_tip_is_off_as_reckoned_by_hand() {
     let whole = shop.trued(&["predict", &file, "--corrected", "EX0C"]);
     let told = stderr(&whole);
     assert!(told.contains("largest (200.0 ±"), "{told}");
-    // Twice its U is left.
+    // Twice its U remains.
     assert!(told.contains("after a correction of EX0C: largest below 8."), "{told}");
     let anew = shop.trued(&["predict", &file, "--at", &poses, "--without-tool-centre-control"]);
     assert!(stderr(&anew).contains("largest (0.0 ± 0.0) µm"), "{}", stderr(&anew));
@@ -66,7 +66,7 @@ fn nonsense_is_refused_with_its_line() {
     refused("x_mm\n0\n", &[], "holds no errors of this machine's axes");
 }
 
-/// The touches of a round part, by the nominal machine.
+/// The touches of a round part, converted with the nominal machine.
 fn a_run_is_exported_as_points_of_the_workpiece() {
     let shop = MachineShop::new(&built_in_machine());
     assert_eq!(shop.run().status.code(), Some(0));

@@ -1,13 +1,13 @@
-//! SAMBA on other machines than the built-in one, from the machine file to the estimate, as a user runs
-//! it: the default set of errors is found again, and what cannot be found is said.
+//! SAMBA on other machines than the built-in one, from the machine file to the estimate, as a user runs it: the
+//! default set of errors is identified, and errors that are not identifiable are listed.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::process::Command;
 
 use toml::{Table, Value};
 
-/// The built-in machine with other axes and other errors: topology, range of each turning axis in
-/// degrees, true errors with their units.
+/// The built-in machine with other axes and other errors: topology, range of each rotary axis in degrees, true
+/// errors with their units.
 struct Other<'a> {
     topology: &'a str,
     turning: &'a [(&'a str, f64)],
@@ -45,7 +45,7 @@ impl Other<'_> {
         let errors = self.errors.iter().map(|(name, value)| ((*name).to_owned(), (*value).into()));
         set(&["simulated", "errors"], Some(Value::Table(errors.collect())));
         set(&["simulated", "error_motion"], None);
-        // The cradle hangs on an axis that not all of these machines have.
+        // The cradle is attached to an axis that not all of these machines have.
         set(&["solid"], None);
         let settings = "balls = 48\nindexations = 16\nmonte_carlo_trials = 100";
         set(&["method", "samba"], Some(table(settings)));
@@ -68,7 +68,7 @@ impl Other<'_> {
         serde_json::from_slice(&ran.stdout).unwrap()
     }
 
-    /// The machine errors among the parameters are exactly `expected` (symbol, true value), each within
+    /// Checks that the machine errors among the parameters are exactly `expected` (symbol, true value), each within
     /// 3.5 standard uncertainties.
     #[track_caller]
     fn check(&self, expected: &[(&str, f64)]) -> serde_json::Value {
@@ -92,7 +92,7 @@ impl Other<'_> {
     }
 }
 
-/// Machine errors among the lines of `not_identifiable`: those that begin with a symbol.
+/// Checks the machine errors in `not_identifiable`: the lines that start with a symbol.
 #[track_caller]
 fn left_out(estimate: &serde_json::Value, expected: &[(&str, &str)]) {
     let lines: Vec<&str> = estimate["not_identifiable"]
@@ -110,8 +110,8 @@ fn left_out(estimate: &serde_json::Value, expected: &[(&str, &str)]) {
     }
 }
 
-/// ISO 10791-6 names errors of B in the head; with the spindle upright nothing shows them, and with A
-/// the only axis that turns one length gives the scale of X and no other.
+/// ISO 10791-6 names errors of B in the head. With the spindle upright they are not identifiable, and with A as the
+/// only rotary axis one length gives only the scale of X.
 fn regress_a_fork_head_stands_upright_and_says_what_that_costs() {
     let fork = Other {
         topology: "w-A-F-X-Y-Z-B-t",
@@ -170,7 +170,7 @@ fn regress_a_trunnion_of_a_and_c() {
     left_out(&trunnion.check(&expected), &[]);
 }
 
-/// Nothing ever turns across Z: its gain is left out, and said.
+/// No axis turns across Z: its gain is left out and listed.
 fn regress_four_axes() {
     let errors = [
         ("EA0C_urad", 12.0),
@@ -187,7 +187,7 @@ fn regress_four_axes() {
     left_out(&four.check(&expected), &[("EZZ1", "inseparable from the places of the balls")]);
 }
 
-/// With B or A the only axis that turns: the length along X, slightly slanted, gives no scale across it.
+/// With B or A as the only rotary axis, the length along X, slightly slanted, gives no scale across it.
 fn regress_four_axes_with_a_table_that_tilts() {
     let linear = [
         ("EA0Z_urad", 12.0),
@@ -222,7 +222,7 @@ fn regress_four_axes_with_a_table_that_tilts() {
     }
 }
 
-/// Without an axis S two offsets of the spindle stand in those of the stylus, and that is said.
+/// Without an axis S two offsets of the spindle are contained in those of the stylus; this is listed.
 fn regress_a_spindle_that_is_not_oriented() {
     let errors = [
         ("EA0B_urad", -11.0),

@@ -1,6 +1,6 @@
-//! The journal and the machine lock against a process that is killed in mid-run (SIGKILL). The
-//! child is this test binary again. A kill shows what the process loses, not what a power cut
-//! would: for that the journal relies on SQLite's synced commits.
+//! The journal and the machine lock when a process is killed during a run (SIGKILL). The child is this test binary
+//! again. A kill shows what the process loses, not what a power cut would: for that the journal relies on SQLite's
+//! synced commits.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::io::{BufRead, BufReader, Lines};
@@ -14,7 +14,7 @@ use trued::store::{Journal, LockError, MachineLock, NewRun, RunState};
 
 const STATE: &str = "TRUED_TEST_STATE";
 const KILLS: usize = 3;
-/// How many acknowledgements the parent waits for before each kill.
+/// Number of acknowledgements before each kill.
 const PATIENCE: [usize; KILLS] = [1, 20, 57];
 
 fn reading(step: u32) -> Reading {
@@ -86,7 +86,7 @@ fn killed_in_mid_run() {
         assert_eq!(holder.pid, child.id());
         child.kill().unwrap();
         child.wait().unwrap();
-        // What the child had said before it died may still stand in the pipe.
+        // The pipe may still contain output from before the kill.
         last.push(lines.filter_map(|line| acknowledgement(&line)).last().or(before).unwrap());
     }
 

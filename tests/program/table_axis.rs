@@ -1,5 +1,5 @@
-//! Tables whose axis has another letter than C, and those that are upright only where another rotary axis
-//! is turned.
+//! Tables whose axis has another letter than C, and tables that are upright only at some angle of another rotary
+//! axis.
 
 use super::machine_zero::{assert_within_u, json, straight, trued};
 use crate::support::harness::{Pool, Trials, trials};
@@ -12,14 +12,14 @@ const SIMULATED: &str = include_str!("../../config/simulated.toml");
 
 const RUN: [&str; 3] = ["run", "self-calibration", "--json"];
 
-/// Symbols of the parameters and functions with the letter of an axis in them.
+/// Symbols of the parameters and functions that contain the letter of an axis.
 fn symbols(estimate: &Value) -> Vec<String> {
     let lists = ["parameters", "functions"].map(|key| estimate[key].as_array().unwrap());
     let symbols = lists.into_iter().flatten().map(|entry| entry["symbol"].as_str().unwrap());
     symbols.map(str::to_owned).collect()
 }
 
-/// At A = 90° the table's Z is along the machine's +Y. B is 2 mm from A: then it is 2 mm further in Y.
+/// At A = 90° the table's Z is along the machine's +Y. B is 2 mm from A, so it is then 2 mm further in Y.
 fn b_on_a_is_measured_where_it_is_upright() {
     for sense in ["iso", "reversed"] {
         let mut machine = straight(B_ON_A);
@@ -45,7 +45,7 @@ fn its_tilt_is_found_at_two_heights() {
         .as_table_mut()
         .unwrap()
         .insert("heights_mm".to_owned(), vec![toml::Value::from(6.0), 18.0.into()].into());
-    // About the table's Z: at A = 90° about the machine's Y.
+    // A tilt about the table's Z: at A = 90° about the machine's Y.
     let errors = machine["simulated"]["errors"].as_table_mut().unwrap();
     errors.insert("EC0B_urad".to_owned(), 300.0.into());
     let estimate = json(&machine, &RUN);

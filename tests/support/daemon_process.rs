@@ -10,10 +10,10 @@ use super::http::HttpClient;
 
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Killed with this value.
+/// The daemon; killed when dropped.
 pub struct DaemonProcess {
     pub child: Child,
-    /// Its standard error so far.
+    /// Standard error of the daemon so far.
     pub log: Arc<Mutex<String>>,
 }
 
@@ -85,7 +85,7 @@ impl DaemonProcess {
         let _ = self.child.wait();
     }
 
-    /// Its exit code.
+    /// Sends SIGTERM; returns the exit code.
     pub fn terminate(mut self) -> i32 {
         self.signal("TERM");
         self.child.wait().unwrap().code().unwrap()

@@ -1,6 +1,5 @@
-//! A simulated control that outlives its clients, as a machine does: on a TCP port of this test,
-//! as a rule without waiting times. A session can be stopped short at a line; a person can reset the control;
-//! somebody can move the part.
+//! A simulated control that outlives its clients, as a machine does: on a TCP port of this test, by default without
+//! waiting times. A session can be cut at a given line; a test can reset the control and move the part.
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Mutex};
@@ -16,14 +15,14 @@ use trued::setup::{self, MachineFile};
 
 pub struct GrblControl {
     pub address: SocketAddr,
-    /// The truth, also for whatever else looks at it.
+    /// The true machine, shared with other readers.
     pub world: Arc<Mutex<World>>,
     pace: Pace,
     session: Arc<Mutex<Session>>,
     wishes: UnboundedSender<(Wish, std::sync::mpsc::Sender<()>)>,
 }
 
-/// What the client in hand has sent, and the words at which it is stopped short.
+/// Bytes that the current client has sent, and the words at which the session is cut.
 #[derive(Default)]
 struct Session {
     heard: String,
@@ -50,7 +49,7 @@ fn parsed(file: &str) -> MachineFile {
     MachineFile::parse("machine.toml", file.to_owned()).unwrap()
 }
 
-/// A sensor sits in the spindle in place of the probe, where there is one.
+/// The probe is removed from the spindle if the file has sensors.
 fn world(file: &MachineFile) -> World {
     let mut world = setup::world(file).unwrap();
     world.without_probe(!file.sensors.is_empty());
@@ -58,7 +57,7 @@ fn world(file: &MachineFile) -> World {
 }
 
 impl GrblControl {
-    /// The machine whose truth `file` tells, without waiting times.
+    /// The machine with the truth of `file`, without waiting times.
     pub fn start(file: &str) -> Self {
         Self::at(file, Pace::Fast)
     }
@@ -83,13 +82,13 @@ impl GrblControl {
         Self { address: address.recv().unwrap(), world, pace, session, wishes }
     }
 
-    /// The next client's lines are lost from the one on that holds the last of these words, after
-    /// the others in their order; what acts at once still comes through.
+    /// Drops the next client's lines from the one on that contains the last of these words, after the others in
+    /// their order; real-time commands still pass.
     pub fn stop_at(&self, words: &[&str]) {
         self.session.lock().unwrap().gate = words.iter().map(|&words| words.to_owned()).collect();
     }
 
-    /// Until the client has sent them.
+    /// Waits until the client has sent all of these words.
     pub fn wait(&self, client: &mut std::process::Child) {
         while !self.session.lock().unwrap().is_short() {
             assert!(client.try_wait().unwrap().is_none(), "it ended by itself");
@@ -97,17 +96,17 @@ impl GrblControl {
         }
     }
 
-    /// All that the last client sent.
+    /// All bytes that the last client sent.
     pub fn heard(&self) -> String {
         self.session.lock().unwrap().heard.clone()
     }
 
-    /// A person resets the control and homes the machine.
+    /// Resets the control and homes the machine, as an operator does.
     pub fn reset(&self) {
         self.wish(Wish::Reset);
     }
 
-    /// The truth is another one from now on.
+    /// Replaces the true machine.
     pub fn become_another(&self, file: &str) {
         let file = parsed(file);
         *self.world.lock().unwrap() = world(&file);
@@ -174,7 +173,7 @@ async fn pass_on(client: TcpStream, control: DuplexStream, session: &Mutex<Sessi
     };
     let answers = async move {
         let _ = tokio::io::copy(&mut from_control, &mut to_client).await;
-        // What nobody reads any more.
+        // Drains output that has no reader.
         let _ = tokio::io::copy(&mut from_control, &mut tokio::io::sink()).await;
     };
     tokio::join!(requests, answers);

@@ -1,5 +1,5 @@
-//! Lists trials and runs them with libtest-mimic, in pools. All trials are submitted at once; a trial starts
-//! when its pool has a free place, the longest first. Trials of `Pool::Alone` start after all others have ended.
+//! Lists trials and runs them with libtest-mimic, in pools. All trials are submitted at once; a trial starts when
+//! its pool has a free slot, the longest first. Trials of `Pool::Alone` start after all others have ended.
 
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,26 +12,26 @@ use libtest_mimic::{Arguments, Completion, Failed, Trial};
 
 use testing::population::is_full;
 
-/// A trial that exceeds its limit is named, and the process exits.
+/// Time limit of a trial. A trial that exceeds it is named, and the process exits.
 const GATE_LIMIT: Duration = Duration::from_secs(10 * 60);
 const LONG_LIMIT: Duration = Duration::from_secs(60 * 60);
-/// Durations from here on are printed.
+/// Shortest duration that is printed.
 const PRINTED_DURATION: Duration = Duration::from_secs(5);
 const MAX_REPEATS: usize = 3;
 const WAITING_PLACES: usize = 6;
 
-/// What limits how many trials run at the same time.
+/// Criterion that limits how many trials run at the same time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Pool {
-    /// CPU-bound, or with a team of threads of its own: one trial per core.
+    /// CPU-bound, or with its own thread pool: one trial per core.
     Computing,
     /// Mostly waits for a child process, a timer or a simulated machine.
     Waiting,
-    /// Has a browser of its own.
+    /// Starts a browser.
     Browser,
     /// Runs LinuxCNC, whose real-time environment exists once per computer.
     LinuxCnc,
-    /// Runs grblHAL, which computes its steps in real time: a full core would make them late.
+    /// Runs grblHAL, which computes its steps in real time: a busy core would delay them.
     GrblHal,
     /// Measures time, load or memory: no other trial runs meanwhile.
     Alone,
@@ -47,7 +47,7 @@ impl Pool {
     }
 }
 
-/// Why a trial cannot run on this computer, if so.
+/// Returns the reason why a trial cannot run on this computer, or `None`.
 pub type MissingPeer = fn() -> Option<&'static str>;
 
 struct Entry {
@@ -56,9 +56,9 @@ struct Entry {
     typical_s: u32,
     ignored: bool,
     missing_peer: MissingPeer,
-    /// With `TRUED_REQUIRE_PEERS=1`.
+    /// Whether a missing peer is a failure with `TRUED_REQUIRE_PEERS=1`.
     fails_without_peer: bool,
-    /// Failures of the peer itself: the trial is repeated.
+    /// Whether a failure is the peer's own: the trial is then repeated.
     repeated_if: fn(&Failed) -> bool,
     run: fn() -> Result<(), Failed>,
 }
@@ -76,7 +76,7 @@ impl Trials {
         run: fn() -> Result<(), Failed>,
     ) {
         let path = format!("{module}::{path}");
-        // Without the name of the binary.
+        // The path without the name of the binary.
         let name = path.split_once("::").map_or(path.as_str(), |(_, name)| name).to_owned();
         self.0.push(Entry {
             name,
@@ -112,7 +112,7 @@ impl Trials {
         self
     }
 
-    /// Skipped where the peer is missing, also with `TRUED_REQUIRE_PEERS=1`: nobody can be expected to have it.
+    /// Skipped where the peer is missing, also with `TRUED_REQUIRE_PEERS=1`: the peer is not publicly available.
     pub fn skipped_without(mut self, missing_peer: MissingPeer) -> Self {
         self = self.requires(missing_peer);
         self.0.iter_mut().for_each(|entry| entry.fails_without_peer = false);
@@ -144,7 +144,7 @@ impl IntoResult for Result<(), Failed> {
 }
 
 /// `trials![pool, typical duration in seconds; function, ...]`, named by the paths of the functions. A trial
-/// function that no list contains is dead code, which clippy refuses.
+/// function that no list contains is dead code, which clippy rejects.
 macro_rules! trials {
     ($pool:expr, $typical_s:expr; $($trial:path),* $(,)?) => {{
         let mut trials = $crate::support::harness::Trials::default();
@@ -158,7 +158,7 @@ macro_rules! trials {
 }
 pub(crate) use trials;
 
-/// Runs what the command line selects, and exits.
+/// Runs the trials selected on the command line, and exits.
 pub fn run(trials: Trials) -> ! {
     let mut arguments = Arguments::from_args();
     let mut entries = trials.0;
@@ -226,7 +226,7 @@ fn watched<T>(name: &str, limit: Duration, run: impl FnOnce() -> T) -> T {
     result
 }
 
-/// Places that are taken, and trials that wait for one.
+/// Occupied slots, and trials that wait for one.
 #[derive(Default)]
 struct Admission {
     state: Mutex<AdmissionState>,
@@ -237,7 +237,7 @@ struct Admission {
 struct AdmissionState {
     running: BTreeMap<Pool, usize>,
     waiting: BTreeSet<(Pool, usize)>,
-    /// Trials of the other pools than `Alone` that have not ended.
+    /// Number of unfinished trials of all pools except `Alone`.
     unfinished: usize,
 }
 
@@ -260,7 +260,7 @@ impl Admission {
         self.state.lock().expect("no panic under this lock")
     }
 
-    /// Blocks until the pool has a place for the trial of this rank.
+    /// Blocks until the pool has a slot for the trial of this rank.
     fn wait(admission: &Arc<Self>, pool: Pool, rank: usize) -> PoolSlot {
         let mut state = admission.state();
         state.waiting.insert((pool, rank));
@@ -269,13 +269,13 @@ impl Admission {
         state.waiting.remove(&(pool, rank));
         *state.running.entry(pool).or_default() += 1;
         drop(state);
-        // The next of the pool may have a place as well.
+        // The next trial of the pool may have a slot as well.
         admission.changed.notify_all();
         PoolSlot { admission: Arc::clone(admission), pool }
     }
 }
 
-/// A place of a pool, until dropped.
+/// A slot of a pool, until dropped.
 struct PoolSlot {
     admission: Arc<Admission>,
     pool: Pool,
@@ -287,7 +287,7 @@ impl Drop for PoolSlot {
     }
 }
 
-/// A trial that has not ended: dropped after it ran, and also where it is filtered out or ignored.
+/// A trial that has not ended: dropped after it ran, and also if it is filtered out or ignored.
 struct Unfinished(Arc<Admission>);
 
 impl Unfinished {

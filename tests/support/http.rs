@@ -32,7 +32,8 @@ impl HttpClient {
         stream
     }
 
-    /// Status and body of the response. `headers`: lines with their ends; `Host` is added where it is missing.
+    /// Returns status and body of the response. `headers`: lines with their line ends; `Host` is added if it is
+    /// missing.
     pub fn request(self, method: &str, path: &str, headers: &str, body: &str) -> (u16, String) {
         let mut stream = self.connect();
         let host = match headers.contains("Host:") {
@@ -66,7 +67,7 @@ impl HttpClient {
         (status, serde_json::from_str(&body).unwrap_or_else(|_| panic!("{body}")))
     }
 
-    /// `action` of the built-in machine.
+    /// Posts `body` to `action` of the built-in machine.
     pub fn post(self, action: &str, body: &Value) -> (u16, Value) {
         self.post_path(&format!("{MACHINE}/{action}"), body)
     }

@@ -1,4 +1,5 @@
-//! The checksums of a journal's rows, computed apart from the program, in the form that `src/store/checksum.rs` states.
+//! The checksums of a journal's rows, computed independently of the program, by the definition in
+//! `src/store/checksum.rs`.
 
 use std::path::Path;
 
@@ -26,7 +27,7 @@ fn bytes_of(value: ValueRef<'_>) -> Vec<u8> {
     }
 }
 
-/// The rows of `table` whose checksum is wrong, with the right one.
+/// The rows of `table` whose checksum is wrong, with the correct one.
 fn wrong(database: &Connection, table: &str) -> Vec<(i64, [u8; 4])> {
     let mut select = database.prepare(&format!("SELECT rowid, * FROM {table}")).unwrap();
     let names: Vec<String> = select.column_names().map(str::to_owned).collect();
@@ -55,7 +56,7 @@ fn tables(database: &Connection) -> Vec<String> {
     statement.query_map([], |row| row.get(0)).unwrap().map(Result::unwrap).collect()
 }
 
-/// Every row has its checksum.
+/// Asserts that every row has its checksum.
 pub fn assert_sealed(database: &Connection) {
     assert_eq!(crc32c(b"123456789"), 0xe306_9283);
     for table in tables(database) {
@@ -63,7 +64,7 @@ pub fn assert_sealed(database: &Connection) {
     }
 }
 
-/// Changes the journal in `state` by SQL, and gives the changed rows their checksums.
+/// Changes the journal in `state` by SQL and updates the checksums of the changed rows.
 pub fn change(state: &Path, statement: &str) {
     let database = Connection::open(state.join("journal.sqlite")).unwrap();
     database.execute_batch(statement).unwrap();

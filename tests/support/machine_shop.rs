@@ -1,4 +1,4 @@
-//! A machine file and a state folder in a temporary folder, and the program that works with them.
+//! A machine file and a state folder in a temporary folder, and the program that uses them.
 
 use std::path::PathBuf;
 use std::process::{Command, Output};
@@ -11,14 +11,14 @@ use super::daemon_process::DaemonProcess;
 /// `[serve.modbus]` of a machine file.
 pub const MODBUS: &str = "[serve.modbus]\nlisten = \"127.0.0.1:0\"\nallow = [\"127.0.0.1\"]\n";
 
-/// The built-in machine without `[serve]`, with a quick first approach.
+/// The built-in machine without `[serve]`, with a fast first approach.
 pub fn built_in_machine() -> String {
     let file = include_str!("../../config/simulated.toml");
     with_quick_approach(file.split("\n[serve]").next().unwrap())
 }
 
-/// The built-in machine's text with a search feed five times as high: at real speed the first touch comes
-/// after 6 s, not after 25 s.
+/// The built-in machine's text with a search feed five times as high: in real time the first touch comes after 6 s,
+/// not after 25 s.
 pub fn with_quick_approach(machine: &str) -> String {
     let (slow, fast) = ("search_feed_mm_min = 300.0", "search_feed_mm_min = 1500.0");
     assert!(machine.contains(slow));
@@ -27,7 +27,7 @@ pub fn with_quick_approach(machine: &str) -> String {
 
 pub struct MachineShop {
     folder: TempDir,
-    /// Environment of each program that the shop starts.
+    /// Environment variables of each program that the shop starts.
     pub envs: Vec<(String, String)>,
 }
 

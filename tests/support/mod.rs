@@ -1,4 +1,4 @@
-//! Parts that the test binaries share.
+//! Modules that the test binaries share.
 
 pub mod daemon_process;
 pub mod grbl_control;

@@ -1,4 +1,4 @@
-//! A person at a terminal who presses Enter whenever a run asks.
+//! A simulated operator at a terminal who presses Enter at every prompt.
 
 use std::fs::File;
 use std::io::Write as _;
@@ -8,11 +8,11 @@ use std::time::Duration;
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 
-/// Between two times that Enter is pressed. What is pressed before a question is shown does not answer it.
+/// Period at which Enter is pressed. Input before a prompt is shown does not answer it.
 const PERIOD: Duration = Duration::from_millis(100);
 
-/// Standard input of `command` becomes a terminal at which Enter is pressed again and again, until its
-/// last user has closed it.
+/// Connects standard input of `command` to a terminal at which Enter is pressed periodically, until its last user
+/// has closed it.
 pub fn confirms(command: &mut Command) -> &mut Command {
     let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY;
     let keyboard = openpt(flags).expect("a pseudo-terminal");

@@ -1,4 +1,4 @@
-//! Somebody else's program: plays a plan on a simulated machine, knowing only the plan.
+//! An independent program: plays a plan on a simulated machine from the plan alone.
 
 use machine::record::plan::{Plan, Sampling, Scan, Stage, Step, StepKind};
 use machine::record::reading::{Flag, Reading};
@@ -6,7 +6,7 @@ use machine::{Axis, Position};
 use methods::{Method, Next, Refused, Source};
 use simulator::{Sensed, Speed, World};
 
-/// Play one step: over the part, down, touch, back, up.
+/// Plays one step: over the part, down, touch, back, up.
 pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
     let rapid = |world: &mut World, to: &Position| {
         assert!(!world.travel(to, Speed::Rapid).touched, "touched on the way to {}", step.label);
@@ -21,7 +21,7 @@ pub fn play(world: &mut World, step: &Step, repeat: u32) -> Reading {
     reading
 }
 
-/// One touch from where the world stands.
+/// One touch from the current position of the world.
 pub fn touch(world: &mut World, step: &Step, repeat: u32) -> Reading {
     let linear = step.to.only(Axis::is_linear);
     let contact = world.probe(&linear, step.feed_mm_min, step.id).contact.expect("contact");
@@ -37,7 +37,7 @@ pub fn touch(world: &mut World, step: &Step, repeat: u32) -> Reading {
     }
 }
 
-/// Look along the path of a step, sample by sample.
+/// Measures along the path of a step, sample by sample.
 fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading> {
     let reading = |sensor: &str, position: Position, t_s: f64, sensed: Sensed| {
         let (value_mm, flag) = match sensed {
@@ -55,14 +55,14 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
             Sampling::Continuous { rate_hz, .. } if number > 0 => {
                 let start = world.clone();
                 for name in &step.sensors {
-                    // Each sensor sees the same motion.
+                    // Each sensor measures the same motion.
                     *world = start.clone();
                     let passing = world.sense_on_the_way(name, point, speed, 1.0 / rate_hz);
                     let of_sensor =
                         passing.into_iter().map(|p| reading(name, p.position, p.t_s, p.sensed));
                     readings.extend(of_sensor);
                 }
-                // No noise of this way comes again.
+                // No noise value of this path repeats.
                 world.pass(0.0, []);
             }
             Sampling::Continuous { .. } => {
@@ -83,12 +83,12 @@ fn look(world: &mut World, step: &Step, scan: &Scan, repeat: u32) -> Vec<Reading
     readings
 }
 
-/// Measure a whole method on `world`; the plan grows with its stages.
+/// Measures a whole method on `world`; the plan grows with its stages.
 pub fn measure(world: &mut World, method: &dyn Method, plan: Plan) -> (Plan, Vec<Reading>) {
     try_measure(world, method, plan, play).expect("well-posed")
 }
 
-/// The same, `play` making the touches; `Err`: why the method refuses a stage.
+/// Like [`measure`], with `play` for the touches; `Err`: why the method refuses a stage.
 pub fn try_measure(
     world: &mut World,
     method: &dyn Method,

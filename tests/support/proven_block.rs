@@ -1,4 +1,4 @@
-//! Blocks for a simulated control, without a plan that they come from.
+//! Blocks for a simulated control that do not come from a plan.
 
 use machine::Axis;
 use machine::record::motion::Block;
@@ -6,7 +6,7 @@ use planning::gcode::Transmission;
 use planning::proof::{ProvenBlock, for_tests};
 use trued::setup::{Devices, MachineFile};
 
-/// `block` as it is sent, line by line; no bodies are looked at.
+/// `block` as it is sent, line by line, without a collision check.
 pub fn proven_block(file: &MachineFile, devices: &Devices, block: &Block) -> ProvenBlock {
     let axes: Vec<Axis> = file.machine.axes.keys().copied().collect();
     let transmission = Transmission::Lines { max_line_bytes: usize::MAX };

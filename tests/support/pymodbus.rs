@@ -1,4 +1,4 @@
-//! Where pymodbus is, the peer of all that speaks Modbus.
+//! Finds pymodbus, the peer of everything that uses Modbus.
 
 use std::path::{Path, PathBuf};
 
@@ -6,7 +6,7 @@ pub fn missing() -> Option<&'static str> {
     python().is_none().then_some("pymodbus is missing: tests/peers/pymodbus/install")
 }
 
-/// A python that has it: `TRUED_PYMODBUS`, or the one that `tests/peers/pymodbus/install` has made.
+/// A python that has pymodbus: `TRUED_PYMODBUS`, or the one that `tests/peers/pymodbus/install` created.
 pub fn python() -> Option<PathBuf> {
     if let Some(named) = std::env::var_os("TRUED_PYMODBUS") {
         return Some(named.into());

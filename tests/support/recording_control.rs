@@ -1,5 +1,5 @@
-//! The simulated control on a TCP port of this process. All that it is told and all that it says is
-//! recorded here, whatever becomes of the program at the other end.
+//! The simulated control on a TCP port of this process. All received and sent bytes are recorded here, even if the
+//! program at the other end fails.
 
 use std::net::SocketAddr;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard};
@@ -34,9 +34,9 @@ impl Record {
         self.told.len() + self.said.len()
     }
 
-    /// The lines that were received, without requests for a status.
+    /// The received lines, without status requests.
     pub fn lines(&self) -> Vec<String> {
-        // What asks for a report stands between lines.
+        // Status requests can occur between the bytes of lines.
         let told = self.told.iter().filter(|byte| !matches!(byte, b'?' | 0x87));
         let told = String::from_utf8_lossy(&told.copied().collect::<Vec<u8>>()).into_owned();
         told.lines().map(str::to_owned).collect()
@@ -47,8 +47,8 @@ impl Record {
         begun(&self.told)
     }
 
-    /// Axis positions, mm and degrees, of each touch that was made. The driver has each of them told
-    /// twice; a guarded move, which meets nothing, lies between any two touches.
+    /// Axis positions, mm and degrees, of each touch. The driver requests each result twice; between any two
+    /// touches there is a guarded move without contact.
     pub fn touches(&self) -> Vec<Vec<f64>> {
         let said = String::from_utf8_lossy(&self.said);
         let (mut touches, mut again) = (Vec::new(), false);
@@ -102,7 +102,7 @@ impl RecordingControl {
         Self::behind(Arc::new(Mutex::new(setup::world(&file).unwrap())))
     }
 
-    /// The control of the built-in machine as `world` has it.
+    /// The control of the built-in machine, acting on `world`.
     pub fn behind(world: Arc<Mutex<World>>) -> Self {
         let (shared, (stop, stopped)) = (Arc::<Shared>::default(), tokio::sync::oneshot::channel());
         let (listening, address) = std::sync::mpsc::channel();
@@ -115,7 +115,7 @@ impl RecordingControl {
                 listening.send(listener.local_addr().unwrap()).unwrap();
                 tokio::select! {
                     client = listener.accept() => serve(client.unwrap().0, world, &keeper).await,
-                    // A program that ended before it connected.
+                    // The program may end before it connects.
                     _ = stopped => {}
                 }
             });
@@ -127,7 +127,7 @@ impl RecordingControl {
         self.address.to_string()
     }
 
-    /// Wait until `bytes` went over the wire, or until `give_up` says that no more will.
+    /// Waits until `bytes` bytes have passed the wire, or until `give_up` returns true.
     pub fn wait_for(&self, bytes: usize, mut give_up: impl FnMut() -> bool) {
         let mut record = self.shared.record();
         while record.bytes() < bytes {
@@ -139,7 +139,7 @@ impl RecordingControl {
         }
     }
 
-    /// Once the client is gone: everything.
+    /// The complete record, after the client has disconnected.
     pub fn end(self) -> Record {
         let _ = self.stop.send(());
         self.server.join().unwrap();
@@ -164,7 +164,7 @@ async fn serve(client: TcpStream, world: Arc<Mutex<World>>, shared: &Shared) {
     served.unwrap();
 }
 
-/// Pass on until the source ends; what nobody takes any more is still read.
+/// Copies until the source ends; bytes without a receiver are still read.
 async fn pass(
     mut from: impl AsyncRead + Unpin,
     mut to: impl AsyncWrite + Unpin,

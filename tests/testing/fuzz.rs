@@ -1,9 +1,8 @@
-//! Fuzzing of everything that reads what others wrote. Each module feeds its own readers; this is
-//! what they share: kept inputs, mutations of valid files, and a bound on what comes out.
+//! Fuzzing of all parsers of external input. Each module fuzzes its own parsers; this module holds the shared part:
+//! stored inputs, mutations of valid files, and a bound on the output.
 //!
-//! In a normal test run the same few hundred inputs every time. With `TRUED_FUZZ_SECONDS` set,
-//! new ones for so long. A failure is written to `tests/data/fuzz/TARGET/` and replayed from then
-//! on.
+//! A normal test run uses the same few hundred inputs every time. With `TRUED_FUZZ_SECONDS` set, it uses new ones
+//! for that time. A failure is written to `tests/data/fuzz/TARGET/` and replayed from then on.
 
 use std::cell::Cell;
 use std::path::PathBuf;
@@ -15,8 +14,8 @@ use proptest::sample::{Index, select};
 use proptest::test_runner::{Config, RngAlgorithm, TestError, TestRng, TestRunner};
 
 const CASES: u32 = 300;
-/// What breaks readers: numbers at and beyond the edge, other alphabets, signs that open and never
-/// close, ends of lines and files.
+/// Tokens that often break parsers: numbers at and beyond the limits, other alphabets, unclosed brackets and
+/// quotes, ends of lines and files.
 const TOKENS: [&str; 46] = [
     "NaN",
     "nan",
@@ -66,7 +65,7 @@ const TOKENS: [&str; 46] = [
     "😀",
 ];
 
-/// One way to spoil a file.
+/// One mutation of a file.
 #[derive(Debug, Clone)]
 enum Spoil {
     Flip(Index, u8),
@@ -76,13 +75,13 @@ enum Spoil {
     DropLine(Index),
     DoubleLine(Index),
     SwapLines(Index, Index),
-    /// Put something else where a number stands.
+    /// Replaces a number.
     Number(Index, Vec<u8>),
 }
 
-/// Feed `read` with all that is kept of `target`, then with spoilt `samples`, `soup` made of `words`
-/// and plain noise. It must not panic, and its answer, the size in bytes of what it made, must not
-/// exceed 64 times the input and 64 KiB.
+/// Calls `read` with all stored inputs of `target`, then with mutated `samples`, with `soup` made of `words`, and
+/// with random bytes. It must not panic, and its return value, the size of its output in bytes, must not exceed 64
+/// times the input plus 64 KiB.
 pub fn fuzz(target: &str, samples: &[&[u8]], words: &[&str], read: impl Fn(&[u8]) -> usize) {
     let check = |input: &[u8]| {
         let made = read(input);
@@ -196,7 +195,7 @@ fn apply(spoil: Spoil, text: &mut Vec<u8>) {
         }
         Spoil::Repeat(at, byte, count) => {
             let at = at.index(text.len());
-            // Deep brackets as well as endless lines.
+            // Deeply nested brackets as well as very long lines.
             let byte = if byte % 2 == 0 { b"[({<"[usize::from(byte) / 2 % 4] } else { byte };
             text.splice(at..at, std::iter::repeat_n(byte, usize::from(count)));
         }

@@ -1,4 +1,4 @@
-//! For tests of every package: fuzzing, and the sizes of statistical populations.
+//! Test support for every package: fuzzing, and the sizes of statistical populations.
 
 pub mod fuzz;
 pub mod population;

@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use statrs::distribution::{Binomial, ChiSquared, ContinuousCDF, DiscreteCDF};
 
-/// A smaller population shows next to nothing.
+/// Smallest population; a smaller one proves next to nothing.
 const MIN_POPULATION: u64 = 5;
 
 /// `full` where `TRUED_FULL=1` is set (`.ci/long`), otherwise a tenth of it. The size is printed.
@@ -27,8 +27,8 @@ pub fn is_full() -> bool {
     std::env::var("TRUED_FULL").is_ok_and(|value| value == "1")
 }
 
-/// Bounds of observed over stated standard deviation for `size` independent values. Each tail has the probability
-/// that it has with `full` values and these bounds (METHODS section 6).
+/// Bounds of the ratio of observed to stated standard deviation for `size` independent values. Each tail has the
+/// same probability as with `full` values and the given bounds (METHODS section 6).
 pub fn ratio_bounds(size: u64, full: u64, (low, high): (f64, f64)) -> (f64, f64) {
     let [of_size, of_full] = [size, full].map(|count| ChiSquared::new(count as f64).unwrap());
     let at_size = |bound: f64| {
@@ -38,8 +38,8 @@ pub fn ratio_bounds(size: u64, full: u64, (low, high): (f64, f64)) -> (f64, f64)
     if size == full { (low, high) } else { (at_size(low), at_size(high)) }
 }
 
-/// Upper bound of events among `size`, where each has `probability`. It is exceeded as rarely as `at_full` events
-/// among `full`.
+/// Upper bound of the number of events among `size` trials, each with `probability`. It is exceeded as rarely as
+/// `at_full` events among `full`.
 pub fn count_bound(size: u64, full: u64, (probability, at_full): (f64, u64)) -> u64 {
     let [of_size, of_full] = [size, full].map(|count| Binomial::new(probability, count).unwrap());
     if size == full { at_full } else { of_size.inverse_cdf(of_full.cdf(at_full)) }

@@ -1,11 +1,11 @@
-//! One job of a simulated control: at once, or in the time it takes.
+//! One job of a simulated control, executed at once or in real time.
 
 use std::time::Duration;
 
 use crate::{Contact, Probed, Speed, World};
 use machine::{Axis, Position};
 
-/// What a line makes a control do. Positions are machine coordinates of the axes that move.
+/// Action that a line requests. Positions are machine coordinates of the axes that move.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Job {
     /// `feed_mm_min` is `None` for G0.
@@ -28,24 +28,24 @@ pub enum Job {
     },
 }
 
-/// What the probe's input shows instead of the truth.
+/// Simulated error of the probe input.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Sham {
     #[default]
     No,
     Closed,
     Open,
-    /// Something stands in the way of the next probing move.
+    /// An obstacle is in the path of the next probing move.
     Early,
-    /// Something brushes the stylus during the next rapid or turn, or does so now: so many more reports
-    /// read closed.
+    /// The stylus is brushed during the next rapid or turn (`Brush`), or now (`Brushed`: the number of further
+    /// reports that read closed).
     Brush,
     Brushed(u8),
 }
 
 impl Job {
-    /// A rapid, or a turn of a rotary axis: nothing should meet the stylus, and the control does not look
-    /// at the probe.
+    /// Whether the job is a rapid or a turn of a rotary axis: no contact is expected, and the control does not
+    /// monitor the probe.
     pub fn is_free_move(&self) -> bool {
         match self {
             Self::Travel { to, feed_mm_min } => {
@@ -57,7 +57,7 @@ impl Job {
 }
 
 impl Sham {
-    /// What the probe's input reads.
+    /// Whether the probe input reads closed.
     pub fn tripped(self, world: &World) -> bool {
         match self {
             Self::Closed | Self::Brushed(_) => true,
@@ -66,7 +66,7 @@ impl Sham {
         }
     }
 
-    /// After a report has told how the probe reads.
+    /// State after a report has shown the probe input.
     pub fn told(self) -> Self {
         match self {
             Self::Brushed(0..=1) => Self::No,
@@ -99,27 +99,27 @@ impl Sham {
     }
 }
 
-/// How simulated time passes for whoever waits.
+/// How simulated time relates to host time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Pace {
-    /// Moves are done at once.
+    /// Moves end at once.
     Fast,
-    /// Moves take as long as they would.
+    /// Moves take their real duration.
     Real,
 }
 
-/// A job under way. Times are host time since whatever zero its owner uses.
+/// A running job. Times are host times since a zero that the owner defines.
 pub struct Active {
     job: Job,
     from: Position,
     begun: Duration,
     pub ends: Duration,
-    /// Where it would end if nobody holds it.
+    /// Position at the end of the job unless it is held.
     end: Position,
 }
 
 impl Active {
-    /// Set out. The world itself is touched when the job ends, so that a held move can stay half-way.
+    /// Starts the job. The world changes only when the job ends, so that a held move can stop half-way.
     pub fn begin(job: Job, world: &World, sham: Sham, pace: Pace, now: Duration) -> Self {
         let from = world.position();
         let (end, takes) = match pace {
@@ -134,12 +134,12 @@ impl Active {
         Self { job, from, begun: now, ends: now + takes, end }
     }
 
-    /// Come to its end.
+    /// Ends the job.
     pub fn finish(&self, world: &mut World, sham: Sham) -> Done {
         self.job.run(world, sham)
     }
 
-    /// Stop where it is; returns what is left of it.
+    /// Stops the job at its current position; returns the remaining job.
     pub fn hold(self, world: &mut World, now: Duration) -> Job {
         let (at, fraction) = (self.position(now), self.fraction(now));
         self.job.run_in_part(world, &at, fraction);
@@ -149,12 +149,12 @@ impl Active {
         }
     }
 
-    /// Travel is acknowledged when it is planned, all else when it is done.
+    /// Whether the job is acknowledged at its end; travel is acknowledged when it is planned.
     pub fn is_waited_for(&self) -> bool {
         self.job.is_waited_for()
     }
 
-    /// Share of its time that has passed.
+    /// Share of the duration that has passed.
     fn fraction(&self, now: Duration) -> f64 {
         let whole = (self.ends - self.begun).as_secs_f64();
         if whole > 0.0 {
@@ -174,7 +174,7 @@ impl Active {
     }
 }
 
-/// How a job ended.
+/// Result of a job.
 pub enum Done {
     Moved { crashed: bool },
     Probed { contact: Option<Contact>, crashed: bool, strict: bool },
@@ -189,7 +189,7 @@ impl Job {
         }
     }
 
-    /// Travel is acknowledged when it is planned, all else when it is done.
+    /// Whether the job is acknowledged at its end; travel is acknowledged when it is planned.
     pub fn is_waited_for(&self) -> bool {
         !matches!(self, Job::Travel { .. })
     }
@@ -215,7 +215,7 @@ impl Job {
         }
     }
 
-    /// The same job up to the share `fraction` of its time, when it has come to `at`.
+    /// Runs the job up to the share `fraction` of its duration, at which the position is `at`.
     fn run_in_part(&self, world: &mut World, at: &Position, fraction: f64) {
         let part = |to: &Position| at.only(|axis| to.get(axis).is_some());
         match self {

@@ -1,4 +1,4 @@
-//! The words of one line, sorted by what they are for.
+//! The words of one line, sorted by purpose.
 
 use super::words::Code;
 use machine::Axis;
@@ -11,7 +11,7 @@ pub(super) enum Motion {
     Off,
 }
 
-/// G codes that act once.
+/// Non-modal G codes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Once {
     Dwell,
@@ -33,18 +33,18 @@ pub(super) struct Line {
     pub output: bool,
     pub ends: bool,
     pub feed: Option<f64>,
-    /// Words that some command must use up.
+    /// Words that a command must consume.
     pub values: Vec<(char, f64)>,
 }
 
 impl Line {
-    /// Use up the word `letter`.
+    /// Removes the word `letter` and returns its value.
     pub(super) fn value(&mut self, letter: char) -> Option<f64> {
         let place = self.values.iter().position(|(name, _)| *name == letter)?;
         Some(self.values.remove(place).1)
     }
 
-    /// One word of a letter a line, but for G and M.
+    /// Rejects a second word with the same letter in a line, except G and M.
     pub(super) fn claim_letter(&mut self, letter: char) -> Result<(), Code> {
         if self.letters.contains(&letter) {
             return Err(25);
@@ -53,7 +53,7 @@ impl Line {
         Ok(())
     }
 
-    /// One word of a modal group a line.
+    /// Rejects a second word of the same modal group in a line.
     pub(super) fn claim_group(&mut self, group: u8) -> Result<(), Code> {
         if self.groups.contains(&group) {
             return Err(21);

@@ -1,6 +1,6 @@
-//! How a simulated control understands a line of text and moves the machine: modes, offsets, and one
-//! job a line. What speaks to it (a serial protocol, registers) is the firmware's own matter; what
-//! reads back our text for the proof shares none of this.
+//! How a simulated control interprets a line of text and moves the machine: modes, offsets, and one job for
+//! each line. The transport (a serial protocol, registers) belongs to the firmware; the reader that the proof uses
+//! shares no code with this module.
 
 mod job;
 mod line;
@@ -17,7 +17,7 @@ pub use words::{Code, is_blank};
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
 
-/// Axes and travel of one control, and what it remembers from line to line.
+/// Axes and travel of one control, and its modal state.
 #[derive(Debug, Clone)]
 pub struct Interpreter {
     axes: Vec<Axis>,
@@ -25,10 +25,10 @@ pub struct Interpreter {
     modal: Modal,
 }
 
-/// What a line asks for.
+/// Action that a line requests.
 #[derive(Debug, Clone)]
 pub enum Act {
-    /// Nothing moves.
+    /// No motion.
     Nothing,
     Do(Job),
     /// A target beyond the limits of travel.
@@ -36,7 +36,8 @@ pub enum Act {
 }
 
 impl Interpreter {
-    /// The control of `machine`: all its axes but S, which it can only orient, and their travel.
+    /// Interpreter for the control of `machine`: its travel and all its axes except S, which the control can
+    /// only orient.
     pub fn of(machine: &Machine) -> Self {
         let turning = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
         let limits: BTreeMap<Axis, (f64, f64)> = turning
@@ -45,15 +46,15 @@ impl Interpreter {
         Self { axes: limits.keys().copied().collect(), limits, modal: Modal::default() }
     }
 
-    /// Axis words, in the order of reports.
+    /// Axis words, in the order of the reports.
     pub fn axes(&self) -> &[Axis] {
         &self.axes
     }
 
-    /// What `line` asks of a machine that stands at `here` when all before is done.
+    /// Action that `line` requests of a machine at `here`, after all earlier motion.
     ///
     /// # Errors
-    /// Grbl's number of what is wrong with the line; nothing is remembered of it.
+    /// Grbl's error code for the line; a line in error does not change the modal state.
     pub fn line(&mut self, line: &str, here: &Position) -> Result<Act, Code> {
         let words = words::words(line)?;
         Ok(match self.modal.block(&words, here, &self.axes)? {
@@ -63,19 +64,19 @@ impl Interpreter {
         })
     }
 
-    /// The modes in force, as Grbl's `$G` tells them, without the brackets.
+    /// The active modes, as in Grbl's answer to `$G`, without the brackets.
     pub fn modes(&self) -> String {
         self.modal.report()
     }
 
-    /// Names and offsets, as Grbl's `$#` tells them.
+    /// Names and offsets, as in Grbl's answer to `$#`.
     pub fn offsets(&self) -> Vec<(String, Position)> {
         self.modal.offsets()
     }
 
-    /// Within the travel of all axes.
+    /// Whether `to` is within the travel of all axes.
     pub fn within_limits(&self, to: &Position) -> bool {
-        // A hair of rounding in the text is no breach.
+        // The tolerance covers the rounding of the text.
         let within = |(axis, value): (Axis, f64)| {
             let limits = self.limits.get(&axis);
             limits.is_none_or(|(min, max)| (min - 1e-6..=max + 1e-6).contains(&value))

@@ -1,4 +1,4 @@
-//! What the simulated control remembers from line to line, and what a line makes it do.
+//! Modal state of the simulated control, and the action that a line requests.
 
 use machine::{Axis, Position};
 
@@ -18,7 +18,7 @@ pub(super) struct Modal {
     pub(super) slot: usize,
     feed_mm_min: Option<f64>,
     offsets: [Position; SLOTS],
-    /// G92
+    /// Offset set by G92.
     shift: Position,
 }
 
@@ -64,8 +64,7 @@ impl Modal {
             .collect()
     }
 
-    /// What `words` make the control do that stands at `here`; nothing is remembered of a line in
-    /// error.
+    /// Action that `words` request of a control at `here`; a line in error does not change the modal state.
     pub(super) fn block(
         &mut self,
         words: &[Word],
@@ -167,12 +166,12 @@ impl Modal {
         line.axes.iter().map(place).collect()
     }
 
-    /// mm or rad from a word in the units in force.
+    /// Value of a word in the active units, converted to mm or rad.
     fn length(&self, axis: Axis, value: f64) -> f64 {
         if axis.is_linear() && self.inches { value * MM_PER_INCH } else { axis.from_edge(value) }
     }
 
-    /// `G10 L2 Pn` sets an offset, `G10 L20 Pn` sets it so that the machine stands at the values.
+    /// `G10 L2 Pn` sets an offset; `G10 L20 Pn` sets it so that the current position has the given values.
     fn set_offset(&mut self, line: &mut Line, here: &Position) -> Result<(), Code> {
         let (kind, slot) = (line.value('L').ok_or(28)?, line.value('P').ok_or(28)?);
         if line.axes.is_empty() {

@@ -1,4 +1,4 @@
-//! Sorts a word into its line, or into what the control remembers.
+//! Assigns each word to its line or to the modal state.
 
 use super::line::{Line, Motion, Once};
 use super::modal::Modal;
@@ -6,7 +6,7 @@ use super::words::{Code, Word};
 use machine::Axis;
 
 impl Modal {
-    /// Take one word into `line`, or into what is remembered.
+    /// Adds one word to `line` or to the modal state.
     pub(super) fn sort(&mut self, word: Word, line: &mut Line, axes: &[Axis]) -> Result<(), Code> {
         match word.letter {
             'G' => return self.sort_g((word.value * 10.0).round() as u32, line),
@@ -33,7 +33,7 @@ impl Modal {
         }
     }
 
-    /// `tenths`: 382 for G38.2.
+    /// `tenths`: ten times the G number, 382 for G38.2.
     fn sort_g(&mut self, tenths: u32, line: &mut Line) -> Result<(), Code> {
         let group = match tenths {
             0 | 10 | 382 | 383 | 800 => 1,
@@ -73,7 +73,7 @@ impl Modal {
             0.0 | 1.0 | 2.0 | 30.0 => 104,
             5.0 | 19.0 => 107,
             9.0 => 108,
-            // Digital outputs; nothing hangs on them here.
+            // Digital outputs, which are not connected here.
             62.0 | 63.0 | 64.0 | 65.0 => 110,
             _ => return Err(20),
         };

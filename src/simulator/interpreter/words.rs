@@ -1,7 +1,7 @@
-//! The simulated control's own reader of lines: letters and numbers, nothing more. Error codes are
-//! those of Grbl (grblHAL `errors.h`).
+//! The simulated control's own parser of lines: letters and numbers only. Error codes are those of Grbl
+//! (grblHAL `errors.h`).
 
-/// Grbl's error number.
+/// Error code of Grbl.
 pub type Code = u8;
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -45,7 +45,7 @@ fn bare(line: &str) -> String {
     bare
 }
 
-/// Whether the line holds nothing to execute.
+/// Whether the line contains nothing to execute.
 pub fn is_blank(line: &str) -> bool {
     matches!(bare(line).as_str(), "" | "%")
 }

@@ -1,5 +1,5 @@
-//! A simulated sensor that speaks CAN: frames by its data sheet, written down once more here. It shares
-//! nothing with the driver.
+//! A simulated sensor on CAN. Its frames follow its data sheet, which is implemented here independently of the
+//! driver.
 
 use std::sync::{Arc, Weak};
 use std::thread;
@@ -31,8 +31,8 @@ const NO_ECHO: u8 = 1;
 const OUT_OF_RANGE: u8 = 2;
 const SATURATED: u8 = 4;
 
-/// Counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first. Without
-/// a distance it sends zero.
+/// Counter (2 bytes), distance in 10 nm (3 bytes), status (1 byte); most significant byte first. Without a
+/// distance the sensor sends zero.
 fn bytes(count: u16, sensed: Sensed) -> [u8; 6] {
     let (mm, status) = match sensed {
         Sensed::Distance(mm) => (mm, 0),
@@ -48,7 +48,7 @@ fn bytes(count: u16, sensed: Sensed) -> [u8; 6] {
     [high, low, first, second, third, status]
 }
 
-/// Frames one after the other, when they are asked for.
+/// Frames one after the other, one for each call.
 pub fn frames(mut sense: Sense, clock: Arc<dyn Clock>) -> impl FnMut() -> Option<Frame> + Send {
     let mut count = 0_u16;
     move || {
@@ -59,11 +59,11 @@ pub fn frames(mut sense: Sense, clock: Arc<dyn Clock>) -> impl FnMut() -> Option
     }
 }
 
-/// Frames on `interface`, `rate_hz` a second in wall time, as long as what is returned lives. What the
-/// interface does not take, being down, is lost.
+/// Sends `rate_hz` frames per second of wall time on `interface`, as long as the returned value lives. Frames
+/// are lost while the interface is down.
 ///
 /// # Errors
-/// What opening says.
+/// The interface cannot be opened.
 pub fn push(
     interface: &str,
     sense: Sense,

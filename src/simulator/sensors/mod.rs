@@ -1,5 +1,5 @@
-//! Simulated sensors. They share no code with the drivers; each module publishes its data sheet as the
-//! keys of a machine file's table, which is all that a driver gets to know of it.
+//! Simulated sensors. They share no code with the drivers; each module publishes its data sheet as keys of a
+//! table of the machine file, the only information that a driver gets.
 
 pub mod can;
 pub mod modbus;

@@ -1,8 +1,8 @@
-//! A simulated sensor behind Modbus registers. It fills them by code of its own, and knows nothing of the
-//! map that its driver reads by.
+//! A simulated sensor behind Modbus registers. It fills them by its own code, independent of the driver's
+//! register map.
 //!
-//! Input registers: 0 status (1 no echo, 2 out of range, 4 saturated), 1 counter, 2 and 3 the distance in
-//! 10 nm, the low word first.
+//! Input registers: 0 status (1 no echo, 2 out of range, 4 saturated), 1 counter, 2 and 3 the distance in 10
+//! nm, low word first.
 
 use std::future::{Ready, ready};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -30,19 +30,19 @@ status = [
 ]
 "#;
 
-/// When it measures.
+/// When the sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Measures {
-    /// When its registers are read: time stands still in between.
+    /// When its registers are read: simulated time stops in between.
     WhenRead,
-    /// At its rate, in wall time.
+    /// At the sensor's rate, in wall time.
     AtItsRate,
 }
 
-/// One on a pseudo-terminal (RTU, whatever the unit), `rate_hz` samples a second.
+/// Serves a sensor on a pseudo-terminal (RTU, any unit), `rate_hz` samples per second.
 ///
 /// # Errors
-/// What making the wire says.
+/// The pseudo-terminal cannot be created.
 pub fn serve_on_pty(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
     let sensor = SimulatedSensor::new(measures, sense);
     let measuring = sensor.clone().at_rate(rate_hz);
@@ -52,10 +52,10 @@ pub fn serve_on_pty(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Se
     })
 }
 
-/// One on a TCP port, `rate_hz` samples a second.
+/// Serves a sensor on a TCP port, `rate_hz` samples per second.
 ///
 /// # Errors
-/// What opening the port says.
+/// The port cannot be opened.
 pub fn serve_on_tcp(measures: Measures, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
     let sensor = SimulatedSensor::new(measures, sense);
     let measuring = sensor.clone().at_rate(rate_hz);
@@ -81,7 +81,7 @@ struct SimulatedSensor {
 }
 
 impl SimulatedSensor {
-    /// It has measured once.
+    /// A sensor that has taken its first sample.
     fn new(measures: Measures, sense: Sense) -> Self {
         let sensor = Self { inner: Arc::new(Mutex::new(Inner { words: [0; 4], sense })), measures };
         sensor.measure();
@@ -100,7 +100,7 @@ impl SimulatedSensor {
         }
     }
 
-    /// All four at once.
+    /// Updates all four registers at once.
     fn measure(&self) {
         let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
         let (mm, status) = match (inner.sense)() {

@@ -1,9 +1,9 @@
-//! A simulated sensor on a serial line. It puts together what it says by code of its own, and knows
-//! nothing of the layouts that its driver reads by.
+//! A simulated sensor on a serial line. It builds its output by its own code, independent of the driver's
+//! layouts.
 //!
-//! Text: `D+1.23450,17;` and a line's end, or a word instead of the number. Frames: AA 55, the distance in
-//! 10 nm (32 bit, two's complement), the counter (16 bit), a byte of status, all with the most significant
-//! byte first; then CRC-16/MODBUS of what stands behind AA 55, low byte first.
+//! Text: `D+1.23450,17;` and a line end, or a word instead of the number. Frames: AA 55, the distance in 10 nm
+//! (32 bit, two's complement), the counter (16 bit), a status byte, all most significant byte first; then
+//! CRC-16/MODBUS of the bytes after AA 55, low byte first.
 
 use std::io;
 use std::time::Duration;
@@ -15,7 +15,7 @@ use super::serve::{Sense, Served, on_pty, on_tcp};
 use crate::Sensed;
 use link::{Flow, LinkError};
 
-/// Of the wire inside this process.
+/// Buffer of the in-process wire.
 const WIRE_BYTES: usize = 4096;
 const COUNTS_PER_MM: f64 = 1e5;
 
@@ -52,7 +52,7 @@ status = [
 checksum = { kind = "crc16-modbus", order = "little" }
 "#;
 
-/// What the sensor sends.
+/// Output format of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
     Text,
@@ -67,10 +67,10 @@ pub fn data_sheet(format: Format) -> &'static str {
     }
 }
 
-/// What makes [`on_demand`] send a sample, as a key of `[sensor.serial]`.
+/// Request that makes [`on_demand`] send a sample, as a key of `[sensor.serial]`.
 pub const REQUEST: &str = "request = \"M\\n\"\n";
 
-/// One inside this process, that says a sample for each line's end that it gets. Call inside a tokio
+/// A sensor inside this process that sends one sample for each line end it receives. Call inside a tokio
 /// runtime.
 pub fn on_demand(format: Format, sense: Sense) -> Flow {
     let (near, far) = tokio::io::duplex(WIRE_BYTES);
@@ -78,19 +78,19 @@ pub fn on_demand(format: Format, sense: Sense) -> Flow {
     Flow::over("the simulated sensor", near)
 }
 
-/// One on a pseudo-terminal, that sends by itself until its client has gone.
+/// Serves a sensor on a pseudo-terminal, which sends continuously until its client disconnects.
 ///
 /// # Errors
-/// What making the wire says.
+/// The pseudo-terminal cannot be created.
 pub fn send_on_pty(format: Format, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
     let mut sensor = SimulatedSensor { format, count: 0, sense };
     on_pty(move |device| async move { drop(sensor.send(device, rate_hz).await) })
 }
 
-/// One on a TCP port, that sends by itself to one client after the other.
+/// Serves a sensor on a TCP port, which sends continuously to one client after the other.
 ///
 /// # Errors
-/// What opening the port says.
+/// The port cannot be opened.
 pub fn send_on_tcp(format: Format, sense: Sense, rate_hz: f64) -> Result<Served, LinkError> {
     let mut sensor = SimulatedSensor { format, count: 0, sense };
     on_tcp(move |listener| async move {
@@ -107,7 +107,7 @@ struct SimulatedSensor {
 }
 
 impl SimulatedSensor {
-    /// One sample, in its own words.
+    /// One sample in the output format.
     fn say(&mut self) -> Vec<u8> {
         let sensed = (self.sense)();
         self.count = self.count.wrapping_add(1);
@@ -117,7 +117,7 @@ impl SimulatedSensor {
         }
     }
 
-    /// A sample for each line's end that comes.
+    /// Sends a sample for each line end received.
     async fn answer(mut self, mut stream: impl AsyncRead + AsyncWrite + Unpin) -> io::Result<()> {
         let mut buffer = [0; 64];
         loop {
@@ -132,7 +132,7 @@ impl SimulatedSensor {
         }
     }
 
-    /// A sample each period, whoever listens. What the computer was late with follows at once.
+    /// Sends a sample each period, whether or not a client reads. Samples that the host delayed follow at once.
     async fn send(&mut self, mut stream: impl AsyncWrite + Unpin, rate_hz: f64) -> io::Result<()> {
         let mut ticks = interval(Duration::from_secs_f64(1.0 / rate_hz));
         ticks.set_missed_tick_behavior(MissedTickBehavior::Burst);

@@ -1,4 +1,4 @@
-//! Serves a simulated sensor that measures in wall time on a wire of its own, on a thread of its own.
+//! Serves a simulated sensor that measures in wall time, on its own wire and thread.
 
 use std::future::Future;
 use std::io;
@@ -10,19 +10,19 @@ use tokio_serial::SerialStream;
 
 use crate::Sensed;
 
-/// A pseudo-terminal has no speed.
+/// Nominal baud rate; a pseudo-terminal ignores it.
 const BAUD: u32 = 115_200;
 
-/// Gives the next sample.
+/// Returns the next sample.
 pub type Sense = Box<dyn FnMut() -> Sensed + Send>;
 
-/// Where it is served, and for a pseudo-terminal the side that keeps it open until its client is there.
+/// Address of the sensor, and for a pseudo-terminal the side that keeps it open until its client has opened it.
 pub type Served = (Named, Option<SerialStream>);
 
-/// Serve a new pseudo-terminal, until its client has gone.
+/// Serves a new pseudo-terminal until its client disconnects.
 ///
 /// # Errors
-/// What making it says.
+/// The pseudo-terminal cannot be created.
 pub fn on_pty<F: Future>(
     serve: impl FnOnce(SerialStream) -> F + Send + 'static,
 ) -> Result<Served, LinkError> {
@@ -33,10 +33,10 @@ pub fn on_pty<F: Future>(
     })
 }
 
-/// Serve a port of this computer.
+/// Serves a local TCP port.
 ///
 /// # Errors
-/// What opening it says.
+/// The port cannot be opened.
 pub fn on_tcp<F: Future>(
     serve: impl FnOnce(TcpListener) -> F + Send + 'static,
 ) -> Result<Served, LinkError> {

@@ -1,4 +1,4 @@
-//! Contact with balls and stems: against closed forms, the pose by plain products and dense search.
+//! Contact with balls and stems, compared with closed forms, a pose by matrix products and a dense search.
 
 use std::f64::consts::PI;
 
@@ -34,8 +34,8 @@ fn rotary([b, c, s]: [f64; 3]) -> Position {
     at.with(Axis::C, c.to_radians()).with(Axis::S, s.to_radians())
 }
 
-/// Touch along the straight way of the axes from `start` to `end` (points on the table, as the plain
-/// products have it): where it was felt, the same as `expected` (the share of that way) says.
+/// Touches along the straight path of the axes from `start` to `end` (points on the table, by matrix products) and
+/// checks that the contact is at the share `expected` of the path.
 fn assert_touch(bench: &Bench, [start, end]: [&Position; 2], expected: f64) {
     let mut world = bench.world();
     world.travel(start, Speed::Rapid);
@@ -91,7 +91,7 @@ fn a_stem_is_felt_where_it_stands() {
         let [from, to] = [&start, &end].map(ball_by_products);
         assert_touch(&bench, [&start, &end], closed_form(from, to, HIGH, along, 2.5 + BALL));
     }
-    // Below its foot there is nothing.
+    // Below its foot the stem ends.
     let mut world = bench.world();
     let others = rotary(POSES[0]);
     let below = HIGH + along * (160.0 + BALL + 0.1);
@@ -112,7 +112,7 @@ fn sag_bends_the_table_as_declared() {
             "[[sag]]\naxis = 'B'\nlaw = '{law}'\num = [3.0, -40.0, 20.0]\nurad = [0.0, 0.0, 300.0]"
         );
         bench.truth.sag = toml::from_str::<Truth>(&sag).unwrap().sag;
-        // The nominal pose leads to the start; what is felt is where the bent pose says.
+        // The start follows from the nominal pose; the contact must be where the pose with sag predicts it.
         let others = rotary([-60.0, 35.0, 0.0]);
         let bent = |q: &Position| {
             let (table, spindle) = by_products(q);
@@ -128,7 +128,7 @@ fn sag_bends_the_table_as_declared() {
         let end = solve(HIGH + outward * 9.0, &others);
         let root = on_sphere(bent(&start), bent(&end), HIGH, 8.0 + BALL);
         assert_touch(&bench, [&start, &end], root);
-        // Far from what an unbent table would do: some 20 µm of 5 mm.
+        // The difference from a table without sag is some 20 µm of 5 mm, well above the tolerance.
         let [from, to] = [&start, &end].map(ball_by_products);
         assert!((root - on_sphere(from, to, HIGH, 8.0 + BALL)).abs() > 2e-3);
     }
@@ -156,13 +156,13 @@ fn a_ball_that_comes_loose_stands_off_from_then_on() {
     };
     let sum = 6.35 + BALL;
     assert!((touch(Vector3::x(), low) - sum).abs() < 1e-9);
-    // What stands off across shortens the chord by 0.01²/(2·9.35) mm at most.
+    // A lateral offset shortens the chord by at most 0.01²/(2·9.35) mm.
     assert!((touch(Vector3::x(), low) - sum - 0.02).abs() < 6e-6);
     assert!((touch(Vector3::z(), low) - sum + 0.01).abs() < 3e-5);
     assert!((touch(Vector3::z(), HIGH) - 8.0 - BALL).abs() < 1e-9);
 }
 
-/// Balls alone, as the seed draws them.
+/// The balls as drawn from the seed.
 fn drawn(truth: &Truth, seed: u64, text: &str) -> Balls {
     let Artefact::Balls(stated) = Bench::balls(text).artefact else { panic!() };
     Balls::new(&stated, &Truth { seed, ..truth.clone() }).unwrap()
@@ -177,8 +177,8 @@ fn places_diameters_and_form_have_the_declared_magnitude() {
     for seed in 0..SEEDS {
         let balls = drawn(&truth, seed, TWO);
         let centre = balls.centre(1, 0.0);
-        // Distances along opposite directions: their sum is the diameter, whose form part is twice
-        // that of one direction.
+        // Distances along opposite directions: their sum contains the diameter, whose form part is twice that of
+        // one direction.
         let out = [Vector3::x(), -Vector3::x(), Vector3::z()]
             .map(|direction| balls.nearest(centre + direction * 8.0, 0.0).distance * 1e3);
         let off = centre - HIGH;
@@ -187,12 +187,12 @@ fn places_diameters_and_form_have_the_declared_magnitude() {
             *sum += value * value;
         }
     }
-    // Radius: half the diameter's 4 µm and the form's 0.5; an oval is alike on both sides; between X
-    // and Z the form's variance is that of s_xx − s_zz, 2·1.5·0.5².
+    // Radius: half the diameter's 4 µm and the form's 0.5. An oval is equal in opposite directions. Between X and Z
+    // the form's variance is that of s_xx − s_zz, 2·1.5·0.5².
     let expected = [0.09, 0.09, 0.09, 4.0 + 0.25, 0.0, 0.75];
     for (sum, expected) in squares.into_iter().zip(expected) {
         let found = sum / SEEDS as f64;
-        // A variance over 2000 seeds scatters by 3.2 %.
+        // The standard deviation of a variance over 2000 seeds is 3.2 %.
         assert!((found - expected).abs() <= 0.12 * expected + 1e-6, "{found} not {expected}");
     }
 }
@@ -202,7 +202,7 @@ fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
     let truth: Truth = toml::from_str("ball_form_um = 200.0").unwrap();
     let balls = drawn(&truth, 4, TWO);
     let centre = balls.centre(1, 0.0);
-    // The form, read where the surface is met along a direction.
+    // Radius of the surface along a direction, by bisection.
     let radius = |direction: Vector3<f64>| {
         let (mut low, mut high) = (6.0, 10.0);
         for _ in 0..60 {
@@ -212,7 +212,7 @@ fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
         }
         low
     };
-    // A quadratic form has 5 numbers beside the mean: sampled at a few directions it is known.
+    // A quadratic form has 5 parameters besides the mean: samples in a few directions determine it.
     let quadratic = {
         let r = |x: f64, y: f64, z: f64| radius(Vector3::new(x, y, z).normalize());
         let (xx, yy, zz) = (r(1.0, 0.0, 0.0), r(0.0, 1.0, 0.0), r(0.0, 0.0, 1.0));
@@ -239,7 +239,7 @@ fn an_oval_ball_is_as_far_away_as_a_dense_search_finds() {
         assert!((foot - surface(foot.normalize())).norm() < 1e-9);
         apart = apart.max(point.metric_distance(&surface(start)) - nearest.distance);
     }
-    // Straight to the middle it would be farther: the test sees the difference.
+    // Along the line to the centre the distance is larger: the test detects the difference.
     assert!(apart > 1e-3, "{apart}");
 }
 
@@ -263,7 +263,7 @@ fn certified_lengths_are_as_true_as_their_certificates() {
         draws[0].push(apart(0, 1));
         draws[1].push(apart(2, 0));
     }
-    // 300.1 mm, 2 K warmer: 6.6022 µm; 0.5 K: 1.65 µm beside the certificate's 2 µm.
+    // 300.1 mm, 2 K warmer: 6.6022 µm. The temperature uncertainty of 0.5 K gives 1.65 µm, the certificate 2 µm.
     for (found, mean, sd) in
         [(&draws[0], 300.106_602_2, 2e-3_f64.hypot(1.650_6e-3)), (&draws[1], 250.2, 1e-3)]
     {
@@ -285,7 +285,7 @@ fn the_stylus_is_off_by_what_is_declared() {
     let mut world = bench.world();
     world.travel(&ball_at(HIGH.x, HIGH.y, HIGH.z + 15.0).with(Axis::S, PI), Speed::Rapid);
     let contact = world.probe(&ball_at(HIGH.x, HIGH.y, HIGH.z), 60.0, 1).contact.unwrap();
-    // 20 µm lower, and 30 µm aside: 0.03²/22 mm.
+    // 20 µm lower, and 30 µm to the side: 0.03²/22 mm.
     let z = contact.position.at(Axis::Z) - 100.0 - HIGH.z;
     assert!((z - 0.020 - (121.0_f64 - 0.03 * 0.03).sqrt()).abs() < 1e-9);
 }

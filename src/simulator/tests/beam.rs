@@ -1,5 +1,5 @@
-//! What a displacement sensor says: against numbers by hand, and a ray that is searched along with
-//! a pose by plain products.
+//! Output of a displacement sensor, compared with numbers computed by hand and with a ray search that uses a pose
+//! by matrix products.
 
 use nalgebra::{Vector3, Vector4};
 
@@ -15,12 +15,12 @@ fn sensor(changes: &str) -> Sensor {
     toml::from_str(&whole).unwrap()
 }
 
-/// Looking down, its zero point where the ideal bench has the stylus.
+/// A sensor that measures downwards, with its zero point at the stylus centre of the ideal bench.
 fn down() -> Sensor {
     sensor("zero_mm = [0.0, 0.0, -100.0]\ndirection = [0.0, 0.0, -1.0]")
 }
 
-/// One ball of 10 mm, 50 mm above the table, and a truth of the sensor.
+/// One ball of radius 10 mm, 50 mm above the table, and the true errors of the sensor.
 fn bench(truth: &str) -> Bench {
     let mut bench =
         Bench::balls("[[balls]]\nid = '1'\ncentre_mm = [0.0, 0.0, 50.0]\nradius_mm = 10.0");
@@ -49,14 +49,15 @@ fn an_ideal_sensor_says_the_distance_along_its_beam() {
     let bench = bench("");
     assert_says(look(&bench, &ball_at(0.0, 0.0, 65.0)), 5.0);
     assert_says(look(&bench, &ball_at(0.0, 0.0, 52.0)), -8.0);
-    // 6, 8, 10.
+    // Right triangle 6, 8, 10 mm.
     assert_says(look(&bench, &ball_at(6.0, 0.0, 65.0)), 7.0);
     assert_says(look(&bench, &ball_at(0.0, -6.0, 65.0)), 7.0);
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 75.0)), Sensed::OutOfRange(15.0));
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 48.0)), Sensed::OutOfRange(-12.0));
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 200.0)), Sensed::NoEcho);
     assert_eq!(look(&bench, &ball_at(30.0, 0.0, 65.0)), Sensed::NoEcho);
-    // Its front stands 50 mm off, and may come so near; within the ball it is blind.
+    // The front of the sensor is 50 mm behind the zero point, and the surface may come up to it; inside the ball
+    // there is no echo.
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 35.0)), Sensed::OutOfRange(-25.0));
     assert_eq!(look(&bench, &ball_at(0.0, 0.0, 5.0)), Sensed::NoEcho);
     let mut world = bench.world().with_sensors(&[down()]).unwrap();
@@ -81,7 +82,7 @@ fn a_surface_too_steep_gives_no_echo_and_one_too_square_dazzles() {
 
 #[test]
 fn a_beam_leans_and_stands_off_as_the_truth_says() {
-    // By hand: from (6, 0, 65) along (0.01, 0, -1), made a unit vector, to the ball.
+    // Computed by hand: from (6, 0, 65) along (0.01, 0, -1), normalised, to the ball.
     let said = look(&bench("tilt_urad = [10000.0, 0.0]"), &ball_at(6.0, 0.0, 65.0));
     let (p, d) = (Vector3::new(6.0, 0.0, 15.0), Vector3::new(0.01, 0.0, -1.0));
     let (a, b, c) = (d.dot(&d), p.dot(&d), p.dot(&p) - R * R);
@@ -90,19 +91,19 @@ fn a_beam_leans_and_stands_off_as_the_truth_says() {
     assert_says(said, expected);
     let off = bench("zero_offset_um = [6000.0, 0.0, 1000.0]");
     assert_says(look(&off, &ball_at(0.0, 0.0, 65.0)), 8.0);
-    // With the spindle a quarter round, X of the spindle is Y of the machine.
+    // With the spindle turned by 90°, X of the spindle is Y of the machine.
     let quarter = |x, y| ball_at(x, y, 65.0).with(Axis::S, std::f64::consts::FRAC_PI_2);
     assert_says(look(&off, &quarter(0.0, -6.0)), 6.0);
     let aside = sensor("zero_mm = [0.0, 3.0, -100.0]\ndirection = [0.0, -1.0, 0.0]");
     let seen = look_with(&bench("tilt_urad = [0.0, 0.0]"), &aside, &ball_at(0.0, 12.0, 56.0));
     assert_says(seen, 7.0);
-    // Across a beam along Y the second direction is Z: it leans up, over the ball's shoulder.
+    // For a beam along Y the second direction across is Z: the beam tilts upwards, over the top of the ball.
     let up = look_with(&bench("tilt_urad = [0.0, 20000.0]"), &aside, &ball_at(0.0, 12.0, 56.0));
     let Sensed::Distance(up) = up else { panic!("{up:?}") };
     assert!((7.08..7.13).contains(&up), "{up}");
 }
 
-/// The distance at which the ray comes `radius` near the centre, by bisection.
+/// Distance along the ray at which `gap` is zero, by bisection.
 fn bisect(origin: Vector3<f64>, along: Vector3<f64>, gap: impl Fn(Vector3<f64>) -> f64) -> f64 {
     let (mut free, mut inside) = (-40.0, 9.0);
     assert!(gap(origin + along * free) > 0.0 && gap(origin + along * inside) < 0.0);
@@ -157,7 +158,7 @@ fn every_switch_of_the_electronics_does_what_it_says() {
     let slope = ball_at(6.0, 0.0, 65.0);
     assert_says(look(&bench("gain = 1.002"), &top), 5.01);
     let wave = "linearity = [{ amplitude_um = 3.0, period_mm = 4.0, phase_deg = 0.0 }]";
-    // A period and a quarter.
+    // The phase is a period and a quarter.
     assert_says(look(&bench(wave), &top), 5.003);
     // The slope of 6, 8, 10 is 3/4.
     assert_says(look(&bench("incidence_um = 16.0"), &slope), 7.009);
@@ -193,13 +194,13 @@ fn what_is_only_declared_is_drawn_from_the_seed() {
     assert_ne!(seen, samples(&other, noisy.clone(), 4000));
     let quiet = samples(&bench("noise_um = 0.0"), noisy.clone(), 3);
     assert!(quiet.iter().all(|v| v.abs() < 1e-9), "{quiet:?}");
-    // After a pause nothing comes again.
+    // After a pause no noise value repeats.
     let mut later = bench("").world().with_sensors(&[noisy]).unwrap();
     later.pass(1.0, []);
     later.travel(&ball_at(0.0, 0.0, 63.0), Speed::Rapid);
     let Some(Sensed::Distance(again)) = later.sense("laser", 0.0) else { panic!() };
     assert!(seen.iter().all(|v| (v + 3.0 - again).abs() > 1e-12));
-    // The curve: the declared standard deviation over machines, whatever the distance.
+    // The curve has the declared standard deviation over machines at every distance.
     let curved = |seed| {
         let mut bench = bench("");
         bench.truth.seed = seed;
@@ -229,8 +230,8 @@ fn a_sensor_samples_by_its_own_clock() {
     assert!(jittered.windows(2).all(|pair| pair[0] <= pair[1]));
 }
 
-/// X from 0 to 6 mm and no further, at 10 mm/s after 0.05 mm of acceleration (1000 mm/s²): 0.61 s. A
-/// sample that is 200 ms late tells of the sphere at X 4.05 when 0.61 s have passed, and of X 6 after 0.81.
+/// X moves from 0 to 6 mm and then stops, at 10 mm/s after 0.05 mm of acceleration (1000 mm/s²): 0.61 s. A sensor
+/// with a latency of 200 ms reports the sphere at X 4.05 when 0.61 s have passed, and at X 6 after 0.81 s.
 #[test]
 fn a_late_sensor_tells_of_an_earlier_moment() {
     let began = || {
@@ -248,7 +249,7 @@ fn a_late_sensor_tells_of_an_earlier_moment() {
     assert_says(world.sense("laser", 0.0).unwrap(), depth(4.05));
     assert_says(world.sense("laser", 0.2).unwrap(), depth(6.0));
     assert_says(world.sense("laser", 5.0).unwrap(), depth(6.0));
-    // The same on the way: where the axes are is displayed, where they were is seen.
+    // The same during a move: the current axis positions are displayed, the earlier ones are measured.
     let mut world = began();
     let passing = world.sense_on_the_way("laser", &end, speed, 0.01);
     assert!(passing.len() >= 60);

@@ -1,4 +1,4 @@
-//! Where contact is made: against closed forms and a pose built a second way.
+//! Position of contact, compared with closed forms and with an independently computed pose.
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -29,8 +29,8 @@ pub(super) const ERRORS: [(&str, f64); 16] = [
 ];
 pub(super) const TIP: [f64; 3] = [0.4, -0.2, -100.0];
 
-/// Plain 4×4 products, written out by hand from the conventions of the machine's chain: errors
-/// before a joint's motion in the order X, Y, Z, A, B, C, gains with it.
+/// Ball centre by plain 4×4 products, written out by hand from the conventions of the machine's chain: errors
+/// before a joint's motion in the order X, Y, Z, A, B, C, gains with the motion.
 pub(super) fn ball_by_products(q: &Position) -> Vector3<f64> {
     let (table, spindle) = by_products(q);
     (table.try_inverse().unwrap() * spindle * tip()).xyz()
@@ -70,8 +70,7 @@ pub(super) fn by_products(q: &Position) -> (Matrix4<f64>, Matrix4<f64>) {
     (table, spindle)
 }
 
-/// X, Y, Z that bring the ball to `target` with the other axes as they stand: the pose by products
-/// is affine in them.
+/// X, Y, Z that bring the ball to `target` with the other axes unchanged: the pose by products is affine in them.
 pub(super) fn solve(target: Vector3<f64>, others: &Position) -> Position {
     let origin = ball_by_products(others);
     let column = |axis| ball_by_products(&others.clone().with(axis, 1.0)) - origin;
@@ -84,8 +83,8 @@ pub(super) fn solve(target: Vector3<f64>, others: &Position) -> Position {
     at(xyz)
 }
 
-/// Where on the segment `from`..`to` the distance from the axis (through `foot`, along the unit
-/// vector `along`) is `radius`: the smaller root of a quadratic.
+/// Share of the segment `from`..`to` at which the distance from the axis (through `foot`, along the unit vector
+/// `along`) is `radius`: the smaller root of a quadratic.
 pub(super) fn closed_form(
     from: Vector3<f64>,
     to: Vector3<f64>,
@@ -121,7 +120,7 @@ fn regress_contact_agrees_with_a_pose_by_plain_products() {
         let outward = Vector3::new(psi.cos(), psi.sin(), 0.0);
         let start = solve(outward * 70.0 + Vector3::new(0.0, 3.0, 40.0), &others);
         let end = solve(outward * 35.0 + Vector3::z() * 55.0, &others);
-        // The way to the start leads through the part; only the touch is judged.
+        // The path to the start leads through the part; the test checks only the touch.
         world.travel(&start, Speed::Rapid);
         assert!(!world.tripped());
         let probed = world.probe(&end.only(Axis::is_linear), 60.0, 1);
@@ -176,14 +175,14 @@ fn regress_nearest_point_of_an_uneven_profile_is_what_a_dense_search_finds() {
             .fold(f64::INFINITY, f64::min);
         let nearest = flank.nearest(point.push(50.0), 0.2);
         let sign = if rho < radius(angle) { -1.0 } else { 1.0 };
-        // A sample lies within half a spacing (0.7 µm) of the foot: 1e-7 mm at a distance of 3 mm,
-        // the spacing itself where the point lies on the profile.
+        // A sample is within half a spacing (0.7 µm) of the foot. The error is 1e-7 mm at a distance of 3 mm, and
+        // the spacing itself where the point is on the profile.
         assert!(nearest.distance.abs() <= dense + 1e-9);
         assert!((nearest.distance - sign * dense).abs() < 8e-4, "{angle}");
         if dense > 1.0 {
             assert!((nearest.distance - sign * dense).abs() < 2e-7, "{angle}");
         }
-        // One step down the normal leads to the surface.
+        // A step of the distance along the normal leads to the surface.
         let foot = point.push(50.0) - nearest.normal * nearest.distance;
         assert!((foot.xy().norm() - radius(foot.y.atan2(foot.x))).abs() < 1e-9);
     }
@@ -205,10 +204,10 @@ fn regress_a_lobe_is_felt_where_it_stands() {
     let mut bench = Bench::ideal();
     bench.truth.form = vec![FormHarmonic { n: 3, cos_um: 100.0, sin_um: 0.0 }];
     let mut world = bench.world();
-    // On a crest and in a hollow the profile is square to its radius.
+    // On a crest and in a hollow the profile is perpendicular to its radius.
     assert!((touch(&mut world, 0.0, 0.0, 1).0 - CIRCLE - 0.1).abs() < 1e-9);
     assert!((touch(&mut world, TAU / 6.0, 0.0, 2).0 - CIRCLE + 0.1).abs() < 1e-9);
-    // Turned by C: a positive command of the table moves the part the other way round (ISO 841).
+    // C turned by 90°: a positive command of the table turns the part in the opposite direction (ISO 841).
     world.travel(&Position::new().with(Axis::C, FRAC_PI_2), Speed::Rapid);
     assert!((touch(&mut world, -FRAC_PI_2, 0.0, 3).0 - CIRCLE - 0.1).abs() < 1e-9);
 }

@@ -1,9 +1,9 @@
-//! Sensors on the bed about a datum cylinder that C turns: against numbers by hand.
+//! Sensors on the bed around a datum cylinder that C turns, compared with numbers computed by hand.
 
 use super::*;
 use machine::record::sensor::Sensor;
 
-/// The machine with a cylinder of 30 mm, two sections and a face, and what is true of it.
+/// A machine with a cylinder of radius 30 mm, two sections and a face, with the given true errors.
 fn bench(truth: &str) -> Bench {
     let artefact = "kind = 'datum_cylinder'\ncentre_mm = [0, 0, 0]\naxis = [0, 0, 1]\n\
         sections = [{ z_mm = 60, radius_mm = 30 }, { z_mm = 120, radius_mm = 30 }]\n\
@@ -21,7 +21,7 @@ fn sensor(name: &str, mount: &str, zero: [f64; 3], direction: [f64; 3]) -> Senso
     .unwrap()
 }
 
-/// On the bed: beside the first section, beside the second, and over the face.
+/// Sensors on the bed: at the first section, at the second section, and above the face.
 fn sensors() -> [Sensor; 3] {
     [
         sensor("low", "bed", [30.0, 0.0, 60.0], [-1.0, 0.0, 0.0]),
@@ -34,7 +34,7 @@ fn world(truth: &str) -> World {
     bench(truth).world().with_sensors(&sensors()).unwrap()
 }
 
-/// What the three report with C there, mm.
+/// Readings of the three sensors with C at this angle, mm.
 fn at(world: &mut World, degrees: f64) -> [f64; 3] {
     world.travel(&Position::new().with(Axis::C, degrees.to_radians()), Speed::Rapid);
     ["low", "high", "face"].map(|name| match world.sense(name, 0.0) {
@@ -66,7 +66,7 @@ fn each_section_and_the_face_has_a_form_of_its_own() {
                  face_form = [{ n = 2, cos_um = 1.0 }]";
     let mut world = world(truth);
     assert_near(at(&mut world, 0.0), [0.0, -0.002, -0.001]);
-    // The artefact's own 60° comes before the sensors: cos 180°; of the face cos 120°.
+    // The artefact's 60° direction faces the sensors: cos 180°; for the face cos 120°.
     assert_near(at(&mut world, 60.0), [0.0, 0.002, 0.0005]);
 }
 
@@ -76,11 +76,11 @@ fn the_stage_turns_the_artefact_and_its_faults_turn_it_wrongly() {
                  [stage]\nfaults = [{ mounting = 2, off_deg = 20.0 }]";
     let mut world = world(truth);
     world.mount(40.0);
-    // Its own −40° is before the sensor: cos −120°.
+    // The artefact's −40° direction faces the sensor: cos −120°.
     assert_near(at(&mut world, 0.0), [0.0, 0.001, 0.0]);
     world.mount(40.0);
     assert_near(at(&mut world, 0.0), [0.0, 0.001, 0.0]);
-    // The second mounting: −60°, and −20° more.
+    // The second mounting: −60°, and its index error of −20°.
     world.mount(60.0);
     let expected = -0.002 * (3.0_f64 * -80.0).to_radians().cos();
     assert_near(at(&mut world, 0.0), [0.0, expected, 0.0]);
@@ -106,7 +106,7 @@ fn mountings_draw_what_is_declared_and_repeat_with_the_seed() {
 fn a_leaning_cylinder_stands_off_by_its_height() {
     let mut world = world("[datum_cylinder]\ntilt_urad = [1000.0, 0.0]");
     let [low, high, _] = at(&mut world, 0.0);
-    // Second order: (1 − cos) of the lean, over the radius.
+    // Second order: (1 − cos) of the tilt, times the radius.
     assert!((low + 0.06).abs() < 2e-5 && (high + 0.12).abs() < 2e-5, "{low} {high}");
 }
 
@@ -121,7 +121,7 @@ fn drawn_motions_repeat_and_their_asynchronous_part_does_not() {
     for degrees in [0.0, 17.0, 101.0, 255.0] {
         let x = motion_x(&world, degrees);
         largest = largest.max(x.abs());
-        // A cylinder that comes nearer by x, and aside by y: y²/2R is below 1e-7.
+        // The cylinder approaches by x and moves sideways by y: y²/2R is below 1e-7 mm.
         let [low, ..] = at(&mut world, degrees);
         assert!((low + x).abs() < 2e-7, "{low} {x}");
         assert!((x - motion_x(&world, degrees + 360.0)).abs() < 1e-12);
@@ -132,7 +132,8 @@ fn drawn_motions_repeat_and_their_asynchronous_part_does_not() {
     assert!(differs(360.0) > 1e-5 && differs(720.0) < 1e-12, "{}", differs(360.0));
 }
 
-/// Of the size that is declared, another one in each turn, forward and backward, and no part of what repeats.
+/// The asynchronous motion has the declared size, differs in each revolution, forward and backward, and contains no
+/// synchronous part.
 #[test]
 fn an_asynchronous_motion_is_another_one_in_each_turn() {
     let motion =

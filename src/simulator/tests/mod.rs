@@ -1,4 +1,4 @@
-//! One fixture: an ideal C table under X, Y, Z and an oriented spindle; each test spoils it.
+//! Test fixture: an ideal C table under X, Y, Z and an oriented spindle; each test adds its errors.
 
 mod balls;
 mod beam;
@@ -17,7 +17,7 @@ pub(super) struct Bench {
     pub truth: Truth,
 }
 
-/// Radius of part and ball, and what the ball centre's circle has.
+/// Radius of the part, of the ball, and of the ball centre's circle, mm.
 pub(super) const RADIUS: f64 = 45.0;
 pub(super) const BALL: f64 = 3.0;
 pub(super) const CIRCLE: f64 = RADIUS + BALL;
@@ -56,13 +56,13 @@ impl Bench {
     }
 }
 
-/// Linear axes that bring the ball of the ideal machine to a point, all rotary axes at zero.
+/// Linear axes that bring the ball of the ideal machine to a point, with all rotary axes at zero.
 pub(super) fn ball_at(x: f64, y: f64, z: f64) -> Position {
     Position::new().with(Axis::X, x).with(Axis::Y, y).with(Axis::Z, z + 100.0)
 }
 
-/// Touch at half height from outside along the direction `phi` (rad), the spindle at `s`; the
-/// radius (along phi) at which the ball is displayed, and the time.
+/// Touches at half height from outside along the direction `phi` (rad), with the spindle at `s`. Returns the
+/// displayed radius of the ball (along phi) and the time.
 pub(super) fn touch(world: &mut World, phi: f64, s: f64, n: u32) -> (f64, f64) {
     let at = |radius: f64, z: f64| ball_at(radius * phi.cos(), radius * phi.sin(), z);
     let clear = Speed::Feed { mm_min: 6000.0 };

@@ -1,4 +1,4 @@
-//! Moves: time, braking, steps of the display, lost motion, what is touched on the way.
+//! Moves: duration, braking, display resolution, lost motion and contact during a move.
 
 use std::f64::consts::PI;
 
@@ -15,10 +15,10 @@ fn regress_time_is_that_of_the_slowest_axis() {
     // 100 mm at 100 mm/s and 1000 mm/s²: 1 s and one ramp of 0.1 s.
     let long = rapid(&mut world, &Position::new().with(Axis::X, 100.0));
     assert!((long.duration_s - 1.1).abs() < 1e-12);
-    // 1 mm never reaches full speed.
+    // A move of 1 mm never reaches full speed.
     let short = rapid(&mut world, &Position::new().with(Axis::X, 101.0));
     assert!((short.duration_s - 2.0 * (1e-3_f64).sqrt()).abs() < 1e-12);
-    // 90° at 30°/s and 300°/s² takes longer than 10 mm of Y beside it.
+    // 90° at 30°/s and 300°/s² takes longer than the simultaneous 10 mm of Y.
     let both = Position::new().with(Axis::C, PI / 2.0).with(Axis::Y, 10.0);
     assert!((rapid(&mut world, &both).duration_s - 3.1).abs() < 1e-12);
     // 600 mm/min along a path of 50 mm.
@@ -41,20 +41,20 @@ fn regress_the_machine_brakes_after_contact() {
     let probed = world.probe(&ball_at(0.0, 0.0, 50.0), 300.0, 7);
     let contact = probed.contact.unwrap();
     assert!((contact.position.at(Axis::X) - CIRCLE).abs() < 1e-9);
-    // 12 mm at 5 mm/s, half a ramp of 5 ms before; then v²/2a.
+    // 12 mm at 5 mm/s, and half of the 5 ms ramp before; then braking over v²/2a.
     assert!((contact.t_s - before - 2.4 - 0.0025).abs() < 1e-9);
     assert!((world.position().at(Axis::X) - (CIRCLE - 0.0125)).abs() < 1e-9);
     assert!((probed.duration_s - 2.4075).abs() < 1e-9);
     assert!(world.tripped() && !probed.crashed);
-    // Out of contact is no new contact.
+    // Leaving contact does not count as a new contact.
     assert!(!rapid(&mut world, &ball_at(49.0, 0.0, 50.0)).touched);
     assert!(!world.tripped());
     assert_eq!(world.probe(&ball_at(48.5, 0.0, 50.0), 30.0, 8).contact, None);
     assert_eq!(world.position().at(Axis::X), 48.5);
 }
 
-/// A touch at 300 mm/min that begins `gap` mm before contact: how far beyond contact it is latched (mm),
-/// when (s), and how far beyond it the axis comes to rest (mm).
+/// A touch at 300 mm/min that begins `gap` mm before contact. Returns how far beyond contact it is latched (mm),
+/// when (s), and how far beyond contact the axis comes to rest (mm).
 fn late_touch(latch: Latch, gap: f64, n: u32) -> (f64, f64, f64) {
     let mut bench = Bench::ideal();
     bench.truth.latch = latch;
@@ -75,10 +75,10 @@ fn a_late_latch_is_the_feed_times_the_delay_further_on_and_braking_begins_there(
     assert!((beyond - 0.02).abs() < 1e-9, "{beyond}");
     assert!((time - 2.4 - 0.0025 - 0.004).abs() < 1e-9);
     assert!((rest - 0.02 - 0.0125).abs() < 1e-9);
-    // Contact 0.5 µm after the start comes after 1 ms, while the axis still speeds up.
+    // Contact 0.5 µm after the start comes after 1 ms, while the axis still accelerates.
     let (beyond, time, _) = late_touch(Latch { delay_ms: 2.0, scan_ms: 0.0 }, 0.0005, 1);
     assert!((time - 0.003).abs() < 1e-9 && (beyond - (0.0045 - 0.0005)).abs() < 1e-9);
-    // A latch that comes after the move has ended finds its end.
+    // A latch after the end of the move keeps the end position.
     let (beyond, _, rest) = late_touch(Latch { delay_ms: 900.0, scan_ms: 0.0 }, 12.0, 1);
     assert!((beyond - 1.0).abs() < 1e-9 && (rest - 1.0).abs() < 1e-9);
 }
@@ -90,7 +90,8 @@ fn a_scan_notices_contact_anywhere_within_it() {
     let mean = waited.iter().sum::<f64>() / 400.0;
     let square = waited.iter().map(|ms| (ms - mean).powi(2)).sum::<f64>() / 399.0;
     assert!(waited.iter().all(|ms| (1.0..=11.0).contains(ms)));
-    // Of a rectangular distribution: 10/√12 ms, known to 0.14 ms from 400; its square to 4.5 %.
+    // Rectangular distribution: standard deviation 10/√12 ms. With 400 values its mean is known to 0.14 ms and its
+    // variance to 4.5 %.
     assert!((mean - 6.0).abs() < 0.45, "{mean}");
     assert!((square / (100.0 / 12.0) - 1.0).abs() < 0.15, "{square}");
     assert_eq!(late_touch(scan, 12.0, 7), late_touch(scan, 12.0, 7));
@@ -105,7 +106,7 @@ fn regress_too_fast_a_touch_crashes() {
     for to in [ball_at(80.0, 0.0, 200.0), ball_at(80.0, 0.0, 50.0)] {
         rapid(&mut world, &to);
     }
-    // 20 mm/s: 4 mm to rest.
+    // At 20 mm/s the braking distance is 4 mm.
     assert!(world.probe(&ball_at(0.0, 0.0, 50.0), 1200.0, 1).crashed);
 }
 
@@ -117,16 +118,16 @@ fn regress_contact_on_the_way_of_an_index_move_is_reported() {
     for to in [ball_at(CIRCLE - 1.0, 0.0, 200.0), ball_at(CIRCLE - 1.0, 0.0, 50.0)] {
         assert!(!rapid(&mut world, &to).touched);
     }
-    // Half a turn brings the part 3 mm into the ball, a full one takes it out again.
+    // Half a turn moves the part 3 mm into the ball; a full turn moves it out again.
     let turned = rapid(&mut world, &Position::new().with(Axis::C, PI));
     assert!(turned.touched && !turned.crashed && world.tripped());
     assert!(!rapid(&mut world, &Position::new().with(Axis::C, 2.0 * PI)).touched);
     let round = rapid(&mut world, &Position::new().with(Axis::C, 0.0));
     assert!(round.touched && !world.tripped());
-    // Straight through the part: pressed beyond what the stylus can bear.
+    // Straight through the part: deflected beyond the overtravel of the stylus.
     let through = rapid(&mut world, &ball_at(-60.0, 0.0, 50.0));
     assert!(through.touched && through.crashed && !world.tripped());
-    // Over it: free.
+    // Above the part: no contact.
     for to in [ball_at(-60.0, 0.0, 104.0), ball_at(60.0, 0.0, 104.0)] {
         assert!(!rapid(&mut world, &to).touched);
     }
@@ -145,7 +146,7 @@ fn regress_the_display_shows_whole_steps_and_the_truth_does_not() {
     assert!((touch(&mut world, 0.0, 0.0, 1).0 - 48.012).abs() < 1e-12);
     world.travel(&ball_at(60.00049, 0.0, 50.0), Speed::Rapid);
     assert!((world.position().at(Axis::X) - 60.0).abs() < 1e-12);
-    // Rounding would have brought contact; the ball itself stands free.
+    // The rounded position would be in contact; the ball itself is not.
     world.travel(&ball_at(48.01239, 0.0, 50.0), Speed::Rapid);
     assert!(!world.tripped() && (world.position().at(Axis::X) - 48.012).abs() < 1e-12);
 }
@@ -155,11 +156,12 @@ fn regress_an_axis_lags_behind_its_last_direction() {
     let mut bench = Bench::ideal();
     bench.truth.backlash_um.insert(Axis::X, 20.0);
     let mut world = bench.world();
-    // Moving down, X stands half the gap above its command: the command must go that much farther.
+    // While X decreases, it is half the gap above its command: the command must go that much
+    // farther.
     assert!((touch(&mut world, 0.0, 0.0, 1).0 - (CIRCLE - 0.010)).abs() < 1e-9);
-    // From the other side the same holds along the outward direction.
+    // From the other side the same is true along the outward direction.
     assert!((touch(&mut world, PI, 0.0, 2).0 - (CIRCLE - 0.010)).abs() < 1e-9);
-    // Y has none; X, lagging across, shortens the chord by 0.01²/96 mm.
+    // Y has no lost motion; X, lagging across, shortens the chord by 0.01²/96 mm.
     assert!((touch(&mut world, PI / 2.0, 0.0, 3).0 - CIRCLE).abs() < 2e-6);
 }
 

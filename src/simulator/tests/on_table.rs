@@ -1,4 +1,4 @@
-//! Sensors on the table about the sphere in the spindle: against poses and an intersection by hand.
+//! Sensors on the table around the sphere in the spindle, compared with poses and an intersection computed by hand.
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -7,7 +7,7 @@ use machine::record::sensor::Sensor;
 
 const CENTRE: [f64; 3] = [0.0, 0.0, 60.0];
 
-/// Nothing on the table; a sphere of 11 mm.
+/// An empty table, and a sphere of radius 11 mm.
 fn bench() -> Bench {
     let truth = "tool_offset_um = [4.0, -3.0, 2.0]\n[errors]\nEX0C_um = 30.0\nEY0C_um = -20.0\nEB0C_urad = 50.0";
     let artefact = toml::from_str("kind = 'none'").unwrap();
@@ -27,7 +27,7 @@ fn sensor(azimuth_deg: f64) -> (Sensor, Vector3<f64>, Vector3<f64>) {
     (sensor.unwrap(), zero, along)
 }
 
-/// About Z by the angle, counter-clockwise seen from above.
+/// Rotation about Z by the angle, counter-clockwise seen from above.
 fn about_z(angle: f64) -> Matrix3<f64> {
     let (sin, cos) = angle.sin_cos();
     Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
@@ -38,8 +38,8 @@ fn about_y(angle: f64) -> Matrix3<f64> {
     Matrix3::new(cos, 0.0, sin, 0.0, 1.0, 0.0, -sin, 0.0, cos)
 }
 
-/// C turns the table against its command, seen from above (ISO 841); its location errors stand before the turn, and
-/// X carries the table against its command.
+/// C turns the table against its command, seen from above (ISO 841). Its location errors precede the rotation, and
+/// X moves the table against its command.
 #[test]
 fn a_sensor_on_the_table_measures_the_sphere_in_the_spindle() {
     let all: Vec<_> = [0.0, 120.0, 240.0].map(sensor).into();

@@ -1,4 +1,4 @@
-//! What is drawn from the seed: its statistics, where it turns up, and that it comes back.
+//! Errors drawn from the seed: their statistics, where they act, and that they are reproducible.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -14,7 +14,7 @@ fn mean(sample: impl Fn(u64) -> f64) -> f64 {
     (0..SEEDS).map(sample).sum::<f64>() / SEEDS as f64
 }
 
-/// A variance over 4000 seeds scatters by 2.2 % of itself; 8 % is 3.6 standard deviations.
+/// The standard deviation of a variance over 4000 seeds is 2.2 %; 8 % is 3.6 standard deviations.
 fn assert_moment(found: f64, expected: f64, scale: f64) {
     assert!((found - expected).abs() < 0.08 * scale, "{found} instead of {expected}");
 }
@@ -50,7 +50,7 @@ fn regress_lobing_and_stylus_offset_have_the_declared_magnitude() {
     assert_moment(mean(|seed| stylus_offset(seed, 3.0).x * at(seed, 0.0)), 0.0, 6.0);
 }
 
-/// A stationary function less its value at zero: Cov = σ²(ρ(a−b) − ρ(a) − ρ(b) + 1).
+/// A stationary function minus its value at zero: Cov = σ²(ρ(a−b) − ρ(a) − ρ(b) + 1).
 #[test]
 fn regress_linear_error_motions_have_the_declared_covariance() {
     let (sigma, length) = (1.5, 60.0);
@@ -76,7 +76,7 @@ fn regress_linear_error_motions_have_the_declared_covariance() {
         assert_moment(z, 2.0 * 4.0 * (1.0 - (-400.0_f64.powi(2) / 2e4).exp()), 8.0);
     }
     assert!(draw(1).at([0.0; 3]).norm() < 1e-15);
-    // The table that the world uses says the same as the cosines, within it and beyond.
+    // The table that the world uses agrees with the sum of cosines, inside and outside of its range.
     let table = draw(1).tabulated([250.0; 3]);
     for x in (-600..600).map(|i| 0.51 * f64::from(i)) {
         let off = (table.at([x, -x, x]) - draw(1).at([x, -x, x])).norm();
@@ -91,7 +91,7 @@ fn regress_linear_error_motions_move_the_true_position() {
     bench.axis(Axis::X).error_motion_um = 3.0;
     let drawn = LinearErrors::draw(9, [[3e-3, 200.0], [0.0, 1.0], [0.0, 1.0]]);
     let found = touch(&mut bench.world(), PI, 0.0, 1).0;
-    // Displayed −x where x + E_XX(x) meets the part; E_YX leaves it aside by far less than 1 nm.
+    // Displayed −x where x + E_XX(x) reaches the part; the lateral shift by E_YX changes it by far less than 1 nm.
     let expected = CIRCLE + drawn.at([-CIRCLE, 0.0, 0.0]).x;
     assert!((found - expected).abs() < 1e-6, "{found} instead of {expected}");
     assert!((found - CIRCLE).abs() > 1e-4);
@@ -104,7 +104,7 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
     bench.probe.stylus_offset_um = 20.0;
     let mut world = bench.world();
     let offset = stylus_offset(3, 0.020);
-    // The ball stands `offset` beyond the command; what lies across acts in second order only.
+    // The ball is `offset` beyond the command; the lateral part acts in second order only.
     for (s, phi, beyond) in [
         (0.0, 0.0, offset.x),
         (0.0, FRAC_PI_2, offset.y),
@@ -118,7 +118,7 @@ fn regress_stylus_offset_and_lobing_turn_with_the_spindle() {
     bench.probe.lobing_um = 5.0;
     let mut world = bench.world();
     let plain = touch(&mut world, 0.3, 0.0, 2).0;
-    // The same point of the ball: the same pre-travel. Positive pre-travel triggers late.
+    // The same point of the ball has the same pre-travel. Positive pre-travel triggers late.
     assert!((touch(&mut world, 0.3 + 1.1, 1.1, 3).0 - plain).abs() < 1e-9);
     assert!((touch(&mut world, 0.3 + 1.1, 0.0, 4).0 - plain).abs() > 1e-4);
     let lobing = Lobing::draw(3, 0.005, &[]).at(Vector3::new(0.3_f64.cos(), 0.3_f64.sin(), 0.0));
@@ -138,11 +138,11 @@ fn regress_drift_moves_the_table_and_grows_the_part() {
             let (found, t_s) = touch(&mut world, phi, 0.0, number as u32);
             let [x, y] = world.true_axis_mm(Axis::C, 50.0, t_s);
             let expected = CIRCLE + x * phi.cos() + y * phi.sin() + drift.radius(t_s);
-            // A centre 0.1 mm aside shortens the chord by 0.1 µm.
+            // A centre 0.1 mm to the side shortens the chord by 0.1 µm.
             assert!((found - expected).abs() < 2e-4, "{found} instead of {expected}");
         }
     }
-    // 2 h are the time constant: what is left of the first rate after it is 1/e.
+    // The time constant is 2 h: after it the rate is 1/e of the initial rate.
     let at = |hours: f64| world.true_axis_mm(Axis::C, 50.0, hours * 3600.0)[0];
     assert!((at(2.0) / at(4.0) - 1.0 / (1.0 + (-1.0_f64).exp())).abs() < 1e-9);
     assert!((at(1e-3) - drift.table(3.6).x).abs() < 1e-12);
@@ -163,7 +163,7 @@ fn regress_the_same_seed_gives_the_same_readings_in_any_order() {
     assert_eq!(forward, order([1, 2, 3, 4]));
     for (n, radius) in order([3, 1, 4, 2]) {
         assert!((radius - forward[&n]).abs() < 1e-9);
-        // Late triggers for positive scatter, by the draw of (seed, n, 0).
+        // Positive scatter triggers late, by the draw of (seed, n, 0).
         assert!((radius - (CIRCLE - 1e-3 * touch_deviate(77, n, 0))).abs() < 1e-9);
     }
     let mut world = bench.world();
@@ -193,7 +193,7 @@ fn regress_a_truth_that_makes_no_sense_is_refused_by_name() {
     assert_eq!(error.unwrap_err(), WorldError::Artefact);
 }
 
-/// T = begins + warms·(1 − e^(−t/2 h)), in hundredths, scattered by what is declared; the same again.
+/// T = begins + warms·(1 − e^(−t/2 h)), rounded to 0.01 K, with the declared scatter, and reproducible.
 #[test]
 fn a_thermometer_follows_how_warm_it_is_and_comes_back() {
     let mut bench = Bench::ideal();
@@ -216,7 +216,7 @@ fn a_thermometer_follows_how_warm_it_is_and_comes_back() {
     assert!(moment(1).abs() < 0.004, "{}", moment(1));
     assert_moment(moment(2), 0.05 * 0.05, 0.05 * 0.05);
     assert!(said.iter().all(|celsius| (celsius * 100.0 - (celsius * 100.0).round()).abs() < 1e-6));
-    // As often as it is asked, and in the same world made anew.
+    // The value is the same for repeated calls, and in the same world created again.
     assert_eq!(world.temperature_c("bed"), world.temperature_c("bed"));
     let mut again = bench.world().with_thermometers(&["bed", "spindle"]).unwrap();
     again.dwell(3.0);

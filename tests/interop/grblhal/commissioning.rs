@@ -1,4 +1,5 @@
-//! From an owner's own control to the first result: `init`, the file completed, `check` with an operator, `run`.
+//! From an unconfigured control to the first result: `init`, completion of the file, `check` with an operator,
+//! `run`.
 
 use std::process::Output;
 
@@ -17,8 +18,8 @@ use crate::linuxcnc::machine::run;
 const TOP: [&str; 4] = ["probe", "solid", "artefact", "method"];
 const OF_ROTARY_AXES: [&str; 4] = ["positive", "point_mm", "min", "max"];
 
-/// Allows every motion and sees what the file predicts. Deflects the stylus, and releases the control after a
-/// hold by reset and homing.
+/// Allows every motion and confirms that it agrees with the file. Deflects the stylus, and releases the control
+/// after a hold by reset and homing.
 struct Operator<'a> {
     rig: &'a mut Rig,
     stylus_is_deflected: bool,
@@ -60,7 +61,7 @@ impl Person for Operator<'_> {
     }
 }
 
-/// What `init` has written, with the keys of `config/grblhal-sim.toml` that the control does not report.
+/// The draft of `init`, with the keys of `config/grblhal-sim.toml` that the control does not report.
 fn completed(drafted: &str) -> Result<String, Failed> {
     let mut short = MACHINE.to_owned();
     for (from, to) in SHORT {

@@ -1,5 +1,5 @@
-//! The program itself, from one command to a stored estimate, on a machine whose zero is a corner, with its soft
-//! limits on. The true axes are known to the firmware alone.
+//! The program itself, from one command to a stored estimate, on a machine whose zero is a corner, with soft limits
+//! enabled. Only the firmware has the true axes.
 
 use std::time::Instant;
 
@@ -9,15 +9,15 @@ use machine::record::estimate::Estimate;
 use super::rig::Rig;
 use crate::linuxcnc::desk::{Desk, complaint, result};
 
-/// Faster touches, few angles, no references.
+/// Settings for a short run: faster touches, few angles, no references.
 pub const SHORT: [(&str, &str); 2] = [
     ("feed_mm_min = 60.0", "feed_mm_min = 120.0"),
     ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nreferences = false"),
 ];
-/// U may not exceed it, µm: a step of the rig's axes is 4 µm long.
+/// Maximum of U, µm: a step of the rig's axes is 4 µm long.
 const MAX_EXPANDED_UM: f64 = 6.0;
 
-/// Location of the true C axis beside where the machine file has it, µm.
+/// Location of the true C axis relative to the machine file, µm.
 pub const FIRST_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 const SECOND_UM: [(&str, f64); 2] = [("EX0C", -80.0), ("EY0C", 110.0)];
 
@@ -63,7 +63,7 @@ pub fn two_true_axes_are_found() -> Result<(), Failed> {
     Ok(())
 }
 
-/// The machine time that `trued plan` names.
+/// The machine time that `trued plan` predicts.
 fn planned_s(desk: &Desk) -> Result<f64, Failed> {
     let machine = desk.machine().display().to_string();
     let output = desk.command(&["plan", "self-calibration", "--machine", &machine]).output()?;

@@ -1,4 +1,4 @@
-//! What stops a run in its middle, and how it goes on.
+//! Faults that stop a run midway, and its resumption.
 
 use std::process::Output;
 
@@ -8,15 +8,15 @@ use super::cycle::{FIRST_UM, near_the_truth};
 use super::rig::Rig;
 use crate::linuxcnc::desk::{Desk, complaint};
 
-/// Few angles and fast touches; with the references that a resumed run needs.
+/// Few angles and fast touches, with the references that a resumed run needs.
 const FEW: [(&str, &str); 2] = [
     ("feed_mm_min = 60.0", "feed_mm_min = 120.0"),
     ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6"),
 ];
-/// Touches before the fault: the part is located, the references are measured.
+/// Number of touches before the fault: the part is located, the references are measured.
 const TOUCHES: usize = 12;
 
-/// A run that `fault` ends after some touches: it is held.
+/// A run that `fault` stops after some touches, so that it is held.
 fn held(rig: &mut Rig, fault: impl FnOnce(&mut Rig) -> Result<(), Failed>) -> Result<Desk, Failed> {
     let desk = rig.desk(&FEW)?;
     rig.wire.forget();
@@ -40,7 +40,7 @@ fn goes_on(desk: &Desk) -> Result<(), Failed> {
     near_the_truth(&serde_json::from_slice(&output.stdout)?, &FIRST_UM)
 }
 
-/// It must not move, and says what is missing.
+/// Checks that a resume sends no motion and that the message names the missing condition.
 fn does_not_go_on(rig: &Rig, desk: &Desk, named: &str) -> Result<(), Failed> {
     rig.wire.forget();
     let output: Output =
@@ -52,7 +52,7 @@ fn does_not_go_on(rig: &Rig, desk: &Desk, named: &str) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Feed hold at the machine, then a reset: the firmware forgets that it was homed.
+/// Feed hold at the machine, then a reset: the firmware loses its homed state.
 pub fn a_run_that_was_held_at_the_machine_goes_on() -> Result<(), Failed> {
     let mut rig = Rig::homed(&[])?;
     let desk = held(&mut rig, |rig| rig.press('h'))?;

@@ -1,7 +1,7 @@
-//! Against the real grblHAL firmware with simulated motion (`tests/peers/grblhal/build` puts it below the target
-//! directory). Its source is not part of this repository: without it the trials are skipped, with the reason, also
-//! with `TRUED_REQUIRE_PEERS=1`. `.ci/run` runs the readiness of the control and one short cycle; `.ci/long`
-//! runs all.
+//! Tests against the real grblHAL firmware with simulated motion (`tests/peers/grblhal/build` puts it below the
+//! target directory). Its source is not part of this repository: without it the trials are skipped, with the
+//! reason, also with `TRUED_REQUIRE_PEERS=1`. `.ci/run` runs the readiness of the control and one short cycle;
+//! `.ci/long` runs all.
 
 mod commissioning;
 mod cycle;

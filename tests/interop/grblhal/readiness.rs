@@ -1,4 +1,4 @@
-//! What the firmware may report before the first motion: `run` is refused, and no line that moves is sent.
+//! Reports of the firmware that forbid motion: `run` is refused, and no line that moves is sent.
 
 use libtest_mimic::Failed;
 

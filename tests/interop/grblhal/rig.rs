@@ -1,5 +1,5 @@
-//! The firmware as a machine: five axes, homed at their positive ends, soft limits on, and a probe whose contact
-//! is computed from a truth file.
+//! The firmware as a machine: five axes, homed at their positive ends, soft limits enabled, and a probe whose
+//! contact is computed from a truth file.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
@@ -15,8 +15,8 @@ use super::wire::Wire;
 use crate::linuxcnc::desk::Desk;
 use crate::linuxcnc::rig::free_port;
 
-/// The table's centre in machine coordinates; the stylus ball seen from the spindle datum; the part of
-/// `config/grblhal-sim.toml`, which stands beside where that file has it.
+/// The table's centre in machine coordinates; the stylus ball relative to the spindle datum; the part of
+/// `config/grblhal-sim.toml`, offset from its position in that file.
 const TRUTH: [(&str, f64); 12] = [
     ("ox", -150.0),
     ("oy", -100.0),
@@ -31,11 +31,11 @@ const TRUTH: [(&str, f64); 12] = [
     ("py", -0.15),
     ("rad", 25.0),
 ];
-/// As `config/grblhal-sim.toml` has the machine. Homing: each axis where it stands ($22).
+/// Settings of the machine in `config/grblhal-sim.toml`. Homing: each axis at its current position ($22).
 const SETTINGS: &str = "$130=300 $131=200 $132=400 $110=9000 $111=9000 $112=9000 $113=3600 $114=7200 \
     $120=1000 $121=1000 $122=1000 $123=400 $124=400 $133=0 $134=0 $376=3 $22=35 $44=0 $45=0 $46=0 $47=0 $48=0 $20=1";
 pub const MACHINE: &str = include_str!("../../../config/grblhal-sim.toml");
-/// Other trials may keep the computer busy while it starts.
+/// Timeout of the start; other trials may keep the computer busy meanwhile.
 const PATIENCE: Duration = Duration::from_secs(60);
 const START: Duration = Duration::from_millis(500);
 const TRIES: u32 = 5;
@@ -60,7 +60,7 @@ impl Drop for Rig {
 }
 
 impl Rig {
-    /// Never homed, with the settings of the machine; `truth` in place of what `TRUTH` has.
+    /// A rig that has never been homed, with the settings of the machine; `truth` replaces values of `TRUTH`.
     pub fn not_homed(truth: &[(&str, f64)]) -> Result<Self, Failed> {
         let folder = TempDir::new()?;
         let all = TRUTH.iter().chain(&[("height", 100.0)]).chain(truth);
@@ -73,7 +73,7 @@ impl Rig {
         Ok(rig)
     }
 
-    /// While it starts it complains of an empty memory, and forgets what it is told.
+    /// During its start the firmware reports an empty memory and loses received settings.
     fn wake(&self) -> Result<(), Failed> {
         let started = Instant::now();
         while self.ask_within("", START).is_err() {
@@ -90,7 +90,7 @@ impl Rig {
         Ok(rig)
     }
 
-    /// A person drives the axes to their ends, and homes them there.
+    /// Moves the axes to their ends by commands at the control, and homes them there.
     pub fn home(&self) -> Result<(), Failed> {
         self.ask("$X")?;
         for line in ["$20=0", "G21 G90 G94 G53 G0 Z0", "G53 G0 X0 Y0 B0 C0", "G4 P0", "$20=1", "$H"]
@@ -100,8 +100,8 @@ impl Rig {
         Ok(())
     }
 
-    /// At the control itself, while nothing else is connected. What it answers. The first byte of a client
-    /// may be lost: then the line is no command, and is said again.
+    /// Sends a line at the control itself while no other client is connected; returns the answer. The first byte of
+    /// a client may be lost; the line is then not a command and is sent again.
     pub fn ask(&self, line: &str) -> Result<String, Failed> {
         let mut answer = self.ask_within(line, PATIENCE);
         for _ in 1..TRIES {
@@ -134,7 +134,7 @@ impl Rig {
         Err(format!("the firmware answers `{line}` by `{answer}`").into())
     }
 
-    /// Real-time commands at the control, while nothing else is connected, until a report says `done`.
+    /// Sends real-time commands at the control, while no other client is connected, until a report contains `done`.
     pub fn command(&self, bytes: &[u8], done: &str) -> Result<(), Failed> {
         let mut wire = TcpStream::connect(("127.0.0.1", self.port))?;
         wire.set_read_timeout(Some(Duration::from_millis(100)))?;
@@ -154,12 +154,12 @@ impl Rig {
         Ok(())
     }
 
-    /// Ctrl-X at the control.
+    /// Sends Ctrl-X at the control.
     pub fn reset(&self) -> Result<(), Failed> {
         self.command(b"\x18", "GrblHAL")
     }
 
-    /// Press or release a button at the machine: `h` feed hold, `r` reset; `p` deflects the stylus.
+    /// Presses or releases a button at the machine: `h` feed hold, `r` reset; `p` deflects the stylus.
     pub fn press(&mut self, button: char) -> Result<(), Failed> {
         let buttons = self.process.stdin.as_mut().ok_or("no buttons")?;
         write!(buttons, "{button}")?;
@@ -174,7 +174,7 @@ impl Rig {
         Ok(())
     }
 
-    /// With what it has stored; it stands at machine zero then.
+    /// Restarts the firmware with its stored settings; it is then at machine zero.
     pub fn start_again(&mut self) -> Result<(), Failed> {
         self.kill()?;
         (self.process, self.port) = start(self.folder.path())?;
@@ -182,7 +182,7 @@ impl Rig {
         self.wake()
     }
 
-    /// A person's desk with the machine file of this rig, some of its text replaced.
+    /// A workspace with the machine file of this rig, with some of its text replaced.
     pub fn desk(&self, changes: &[(&str, &str)]) -> Result<Desk, Failed> {
         let address = format!("127.0.0.1:{}", self.wire.port);
         let changes: Vec<_> =
@@ -190,7 +190,8 @@ impl Rig {
         Desk::new(MACHINE, &changes)
     }
 
-    /// Until so many measuring touches (at 120 mm/min) were begun since the wire was last forgotten, while `run` goes on.
+    /// Waits until this many measuring touches (at 120 mm/min) have begun since the last call of `forget`, while
+    /// `run` continues.
     pub fn wait_for_touches(&self, touches: usize, run: &mut Child) -> Result<(), Failed> {
         let measuring = |line: &&String| line.contains("G38.3") && line.ends_with("F120.000");
         while self.wire.lines().iter().filter(measuring).count() < touches {
@@ -203,7 +204,8 @@ impl Rig {
     }
 }
 
-/// Until it listens, and at which port. A client that comes while its threads begin may end it: once more then.
+/// Starts the firmware and waits until it listens; returns its port. A client that connects while its threads start
+/// may end it; it is then started again.
 fn start(folder: &Path) -> Result<(Child, u16), Failed> {
     for _ in 0..TRIES {
         let port = free_port().map_err(|error| error.to_string())?;

@@ -1,5 +1,5 @@
-//! The wire between `trued` and the firmware. Its address stays the same when the firmware is started again, and
-//! all bytes for the firmware are recorded.
+//! The wire between `trued` and the firmware. Its address does not change when the firmware is restarted, and all
+//! bytes to the firmware are recorded.
 
 use std::io::{Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -25,7 +25,7 @@ impl Wire {
             sent: Arc::default(),
         };
         let served = wire.clone();
-        // Ends with this process.
+        // The thread ends with this process.
         thread::spawn(move || {
             for client in listener.incoming().map_while(Result::ok) {
                 // A client of a firmware that is not running sees its connection closed.
@@ -51,7 +51,7 @@ impl Wire {
         Ok(())
     }
 
-    /// The lines for the firmware since the last call of `forget`, without real-time commands.
+    /// The lines to the firmware since the last call of `forget`, without real-time commands.
     pub fn lines(&self) -> Vec<String> {
         let sent = self.sent.lock().unwrap_or_else(PoisonError::into_inner);
         let is_text = |byte: &&u8| **byte == b'\n' || (b' '..=b'~').contains(*byte);
@@ -60,7 +60,7 @@ impl Wire {
         text.lines().map(str::to_owned).collect()
     }
 
-    /// Those that move something.
+    /// The recorded lines that move an axis.
     pub fn motions(&self) -> Vec<String> {
         let is_motion = |line: &String| {
             let moves = |word: &str| {
@@ -78,7 +78,7 @@ impl Wire {
     }
 }
 
-/// Until one side closes: then both are closed.
+/// Copies bytes until one side closes, then closes both.
 fn pump(mut from: TcpStream, mut to: TcpStream, record: impl Fn(&[u8]) + Send + 'static) {
     thread::spawn(move || {
         let mut bytes = [0; 4096];

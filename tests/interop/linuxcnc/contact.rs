@@ -1,4 +1,4 @@
-//! `trued check` leads a stylus out of contact.
+//! `trued check` moves a stylus out of contact.
 
 use libtest_mimic::Failed;
 use machine::Axis;
@@ -11,7 +11,7 @@ use super::desk::Desk;
 use super::machine::run;
 use super::rig::rig;
 
-/// Answers Z+, and keeps the positions at which it was asked for the way out.
+/// Answers Z+, and keeps the positions at which the retract direction was requested.
 #[derive(Default)]
 struct Operator {
     z_mm: Vec<f64>,
@@ -34,7 +34,7 @@ impl Person for Operator {
 pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
     let rig = rig()?;
     let mut control = rig.person()?;
-    // Onto the top of the part at 103 mm, and 1.5 mm deeper.
+    // Onto the top of the part at 103 mm, then 1.5 mm deeper.
     control.mdi("G53 G0 Z110")?;
     control.mdi("G38.3 Z95 F300")?;
     control.mdi("G53 G1 Z101.5 F60")?;
@@ -59,7 +59,7 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step() -> Result<(), Failed> {
         && (after[2] - before[2] - steps).abs() < 0.01
         && [0, 1, 3, 4].iter().all(|joint| (after[*joint] - before[*joint]).abs() < 0.01);
     let told = summary.to_string();
-    // The machine may not stand where its control shows: the check ends.
+    // The machine position may differ from the display: the check ends.
     let ends = told.contains("out of contact: the probe reads open")
         && told.contains("axes    not looked at")
         && summary.count(Verdict::Failed) == 1;

@@ -1,5 +1,5 @@
-//! The program itself, from one command to a stored estimate, against a running LinuxCNC whose true
-//! axes it does not know.
+//! The program itself, from one command to a stored estimate, with a running LinuxCNC whose true axes it does not
+//! have.
 
 use std::process::Command;
 use std::thread::sleep;
@@ -11,11 +11,11 @@ use machine::record::estimate::Estimate;
 use super::desk::{Desk, complaint, result};
 use super::rig::{Rig, rig};
 
-/// Where the true C axis stands, and how far from there an answer may lie, µm.
+/// Location of the true C axis, and the tolerance of a result, µm.
 pub const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 const NEAR_UM: f64 = 1.0;
 
-/// Measure the whole cycle.
+/// Measures a whole cycle.
 fn measure(desk: &Desk) -> Result<Estimate, Failed> {
     let started = Instant::now();
     let output = desk.start()?.wait_with_output()?;
@@ -32,7 +32,7 @@ fn measure(desk: &Desk) -> Result<Estimate, Failed> {
     Ok(estimate)
 }
 
-/// Tests 1a, 1b, 1c, 2, 3 and the references with N = 8: as the part stands, and moved by 1 mm.
+/// Tests 1a, 1b, 1c, 2, 3 and the references with N = 8: with the part in its original position, and moved by 1 mm.
 pub fn finds_the_true_axis_wherever_the_part_stands() -> Result<(), Failed> {
     let rig = rig()?;
     let first = measure(&Desk::for_rig(&rig)?)?;
@@ -83,14 +83,14 @@ pub fn a_stop_holds_and_keeps_what_was_read() -> Result<(), Failed> {
         return Err(format!("it moves on from {stands:?}").into());
     }
     desk.is("held")?;
-    // Before the table turned: five to locate the part, four references, Test 1a at 0°.
+    // Readings before the table turns: five to locate the part, four references, Test 1a at 0°.
     let kept = desk.kept()?;
     eprintln!("{kept} readings kept");
     if (10..69).contains(&kept) { Ok(()) } else { Err(format!("{kept} readings").into()) }
 }
 
-/// The talk and the files of a run, and the run from them. (`tests/peers/linuxcnc/thin.py` makes such a capture
-/// small: so came `tests/data/linuxcnc/` about.)
+/// The communication and the files of a run, and a replay of the run from them. (`tests/peers/linuxcnc/thin.py`
+/// reduces such a capture; `tests/data/linuxcnc/` was created this way.)
 pub fn a_capture_replays() -> Result<(), Failed> {
     let rig = rig()?;
     let desk = Desk::in_a_hurry(&rig)?;

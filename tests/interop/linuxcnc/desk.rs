@@ -1,4 +1,4 @@
-//! A person's desk beside the rig: a machine file, an empty journal, and the program itself.
+//! A workspace for the rig: a machine file, an empty journal, and the program itself.
 
 use std::path::PathBuf;
 use std::process::{Child, Command, Output, Stdio};
@@ -14,12 +14,12 @@ use super::streams::Streams;
 use crate::support::person;
 
 const MACHINE: &str = include_str!("../../../config/linuxcnc-sim.toml");
-/// In the place of the part and the settings of `MACHINE`.
+/// Machine files that replace the part and the settings of `MACHINE`.
 const BALLS: &str = include_str!("samba.toml");
 const LASER: &str = include_str!("laser.toml");
 const MULTIPROBE: &str = include_str!("multiprobe.toml");
 
-/// Fewer touches, and fast ones.
+/// Fewer and faster touches.
 const QUICK: [(&str, &str); 4] = [
     ("\nfeed_mm_min = 30.0", "\nfeed_mm_min = 300.0"),
     ("repeatability_um = 0.15", "repeatability_um = 1.5"),
@@ -27,21 +27,21 @@ const QUICK: [(&str, &str); 4] = [
     ("heights_mm = [90.0]", "heights_mm = [90.0]\npositions = 6\nlocate = false"),
 ];
 
-/// A person's desk: a machine file for this rig and an empty journal.
+/// A workspace: a machine file for this rig and an empty journal.
 pub struct Desk(TempDir);
 
 impl Desk {
-    /// `config/linuxcnc-sim.toml` as it is.
+    /// `config/linuxcnc-sim.toml` unchanged.
     pub fn for_rig(rig: &Rig) -> Result<Self, Failed> {
         Self::with(rig, &[])
     }
 
-    /// A short cycle with quick touches: for what does not depend on the result.
+    /// A short cycle with quick touches, for trials that do not depend on the result.
     pub fn in_a_hurry(rig: &Rig) -> Result<Self, Failed> {
         Self::with(rig, &QUICK)
     }
 
-    /// A short cycle, started from outside: the program serves at `port` of this computer.
+    /// A short cycle that is triggered externally: the program serves at `port` of this computer.
     pub fn serving(rig: &Rig, port: u16) -> Result<Self, Failed> {
         let serve = format!(
             "{}\n[tolerance]\nEX0C_um = 500.0\nEY0C_um = 500.0\n[serve]\nmin_interval_s = 1.0\n\
@@ -52,7 +52,7 @@ impl Desk {
         Self::of(rig, &serve, &QUICK)
     }
 
-    /// A short cycle with touches that are worth something.
+    /// A short cycle with accurate touches.
     pub fn with_care(rig: &Rig, positions: u32) -> Result<Self, Failed> {
         let settings = format!("heights_mm = [90.0]\npositions = {positions}");
         let short = [
@@ -63,8 +63,7 @@ impl Desk {
         Self::with(rig, &short)
     }
 
-    /// With balls in the place of the cylinder, and touches at twice the feed: a servo period is
-    /// 1 µm then.
+    /// With balls in place of the cylinder, and touches at twice the feed: a servo period is then 1 µm.
     pub fn with_balls(rig: &Rig) -> Result<Self, Failed> {
         let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
         let faster = [
@@ -74,7 +73,7 @@ impl Desk {
         Self::of(rig, &format!("{head}{BALLS}"), &faster)
     }
 
-    /// With a laser over one ball, and LinuxCNC's sampler, whose table has this line more.
+    /// With a laser over one ball, and LinuxCNC's sampler, whose table has this additional line.
     pub fn with_laser(rig: &Rig, streams: &Streams, line: &str) -> Result<Self, Failed> {
         let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
         let ports = [
@@ -85,7 +84,7 @@ impl Desk {
         Self::of(rig, &format!("{head}{LASER}"), &ports)
     }
 
-    /// With sensors about a datum cylinder at 0°, 90° and 230° (as rig.hal has them), and LinuxCNC's sampler.
+    /// With sensors around a datum cylinder at 0°, 90° and 230° (as in rig.hal), and LinuxCNC's sampler.
     pub fn with_sensors(rig: &Rig, streams: &Streams) -> Result<Self, Failed> {
         let (head, _) = MACHINE.split_once("[artefact]").ok_or("there is no part in the file")?;
         let mut file = format!("{head}{MULTIPROBE}");
@@ -108,7 +107,7 @@ impl Desk {
         Self::of(rig, &file, &[("127.0.0.1:5011", &port)])
     }
 
-    /// The file with some of its text replaced.
+    /// `MACHINE` with some of its text replaced.
     fn with(rig: &Rig, changes: &[(&str, &str)]) -> Result<Self, Failed> {
         Self::of(rig, MACHINE, changes)
     }
@@ -144,7 +143,7 @@ impl Desk {
         self.0.path().join("machine.toml")
     }
 
-    /// A command that has no journal.
+    /// A command without a journal.
     pub fn program(arguments: &[&str]) -> Command {
         let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
         command.args(arguments).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -157,7 +156,7 @@ impl Desk {
         command
     }
 
-    /// What a command prints that must succeed.
+    /// Standard output of a command that must succeed.
     pub fn said(&self, arguments: &[&str]) -> Result<String, Failed> {
         let output = self.command(arguments).output()?;
         if !output.status.success() {
@@ -166,20 +165,20 @@ impl Desk {
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
-    /// Whether the journal says so of the last run.
+    /// Checks the state of the last run in the journal.
     pub fn is(&self, state: &str) -> Result<(), Failed> {
         let runs = self.said(&["runs", "--json"])?;
         let said = serde_json::from_str::<serde_json::Value>(&runs)?[0]["state"].clone();
         if said == state { Ok(()) } else { Err(runs.into()) }
     }
 
-    /// How many readings of the first run are exported.
+    /// Number of exported readings of the first run.
     pub fn kept(&self) -> Result<usize, Failed> {
         let readings = self.exported("readings.csv")?;
         Ok(readings.lines().filter(|line| line.contains(",probe,")).count())
     }
 
-    /// How many readings of the first run belong to steps whose label begins so.
+    /// Number of readings of the first run in steps whose label begins with `label`.
     pub fn readings_of(&self, label: &str) -> Result<usize, Failed> {
         let plan: Plan = serde_json::from_str(&self.exported("plan.json")?)?;
         let steps = plan.steps.iter().filter(|step| step.label.starts_with(label));
@@ -194,7 +193,7 @@ impl Desk {
         Ok(std::fs::read_to_string(self.0.path().join(format!("run-1-{name}")))?)
     }
 
-    /// Somebody has looked at the machine and lets the first run go on.
+    /// Acknowledges the hold and resumes the first run.
     pub fn resume(&self) -> Result<Child, Failed> {
         Ok(self.command(&["resume", "1", "--acknowledge", "Anna", "--json"]).spawn()?)
     }
@@ -203,7 +202,7 @@ impl Desk {
         self.run("self-calibration")
     }
 
-    /// `trued serve`.
+    /// Starts `trued serve`.
     pub fn serve(&self) -> Result<Child, Failed> {
         let machine = self.machine().display().to_string();
         Ok(self.command(&["serve", "--machine", &machine]).spawn()?)

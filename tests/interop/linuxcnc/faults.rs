@@ -1,5 +1,5 @@
-//! What a person sees when something fails while `trued run` measures: the exit code, the words, the
-//! journal, the readings, and a machine that stands.
+//! Faults during `trued run`, and their results: the exit code, the message, the journal, the readings, and a
+//! machine at rest.
 
 use std::io::Read;
 use std::process::{Child, Command};
@@ -11,19 +11,19 @@ use libtest_mimic::Failed;
 use super::desk::{Desk, complaint};
 use super::rig::{Rig, rig};
 
-/// Touches before it happens.
+/// Number of touches before the fault.
 const BEFORE: u64 = 5;
 
 const MINUTE: Duration = Duration::from_secs(60);
 
-/// One thing that goes wrong, and what must be said of it.
+/// One fault, and the expected message.
 struct Fault {
-    /// Where it happens; looked at again and again.
+    /// When the fault is applied; polled.
     when: fn(&Rig) -> Result<bool, Failed>,
     happens: fn(&mut Rig) -> Result<(), Failed>,
     error: &'static str,
     remedy: &'static str,
-    /// Noticed within.
+    /// Maximum time until the fault is detected.
     seconds: f64,
 }
 
@@ -32,8 +32,8 @@ fn held_by(fault: &Fault) -> Result<(), Failed> {
     held(&mut rig, fault).map(drop)
 }
 
-/// The run does not go on with the fault still there, which is told in these words; and once all is
-/// as it was, it does.
+/// Checks that the run does not resume while the fault persists, with the message `unmended`, and resumes once it
+/// is removed.
 fn resumable_after(unmended: &str, fault: &Fault) -> Result<(), Failed> {
     let mut rig = rig()?;
     let desk = held(&mut rig, fault)?;
@@ -45,7 +45,7 @@ fn resumable_after(unmended: &str, fault: &Fault) -> Result<(), Failed> {
     rig.mend()?;
     let (kept, before) = (desk.kept()?, rig.touches()?);
     let mut run = desk.resume()?;
-    // The references and two more; of the last, nobody knows.
+    // The references and two more touches; the result of the last one is unknown.
     wait_for(&rig, before + 6, &mut run)?;
     wait_until(TRAVELLING, &rig, &mut run)?;
     let stopped = Command::new("kill").args(["-INT", &run.id().to_string()]).status()?;
@@ -56,7 +56,7 @@ fn resumable_after(unmended: &str, fault: &Fault) -> Result<(), Failed> {
     desk.is("held")
 }
 
-/// Let a run touch a few times, let it happen, and look at everything.
+/// Lets a run touch a few times, applies the fault, and checks the result.
 fn held(rig: &mut Rig, fault: &Fault) -> Result<Desk, Failed> {
     let desk = Desk::in_a_hurry(rig)?;
     let before = rig.touches()?;
@@ -89,13 +89,13 @@ fn held(rig: &mut Rig, fault: &Fault) -> Result<Desk, Failed> {
     Ok(desk)
 }
 
-/// On the way out of contact or in.
+/// During a touch or its back-off.
 const TOUCHING: fn(&Rig) -> Result<bool, Failed> = |_| Ok(true);
 /// Between touches, over the part.
 pub const TRAVELLING: fn(&Rig) -> Result<bool, Failed> = |rig| Ok(rig.joint(2)? > 101.0);
 
-/// Until the rig has counted so many touches. A minute without a new one is given up, with what the run
-/// said: how long a touch takes depends on the computer.
+/// Waits until the rig has counted this many touches. Fails after a minute without a new one, with the run's
+/// output: the duration of a touch depends on the computer.
 pub fn wait_for(rig: &Rig, touches: u64, run: &mut Child) -> Result<(), Failed> {
     let (mut counted, mut since) = (rig.touches()?, Instant::now());
     while counted < touches {
@@ -111,7 +111,7 @@ pub fn wait_for(rig: &Rig, touches: u64, run: &mut Child) -> Result<(), Failed> 
     Ok(())
 }
 
-/// Until the run is there; given up as `wait_for`.
+/// Waits until the condition holds; fails like `wait_for`.
 pub fn wait_until(
     there: fn(&Rig) -> Result<bool, Failed>,
     rig: &Rig,
@@ -248,7 +248,7 @@ pub fn no_feed() -> Result<(), Failed> {
     held_by(&Fault {
         when: TRAVELLING,
         happens: |rig| rig.no_feed(),
-        // Between two programs, or on the way.
+        // Between two programs, or during a move.
         error: "the feed override stands at 0 %",
         remedy: "",
         seconds: 4.0,

@@ -1,4 +1,4 @@
-//! The halt against a running LinuxCNC: that it holds, and how fast it is on the wire.
+//! The halt with a running LinuxCNC: it holds the machine, and its delay on the wire is bounded.
 
 use std::io::{Read as _, Write as _};
 use std::net::{TcpListener, TcpStream};
@@ -15,7 +15,7 @@ use machine::record::motion::{Block, Motion};
 use super::machine::{expect, open, open_through, proven, run, xy, z};
 use super::rig::rig;
 
-/// From the request to the wire.
+/// Maximum time from the request to the wire.
 const BOUND: Duration = Duration::from_millis(20);
 
 pub fn it_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
@@ -60,8 +60,8 @@ pub fn it_holds_and_nothing_moves_after_it() -> Result<(), Failed> {
     })
 }
 
-/// Pass on every connection to `to`; tell when an abort comes by. If it `loses_one`, the first is answered
-/// as linuxcncrsh 2.9 does where another line comes in the same moment, and not passed on.
+/// Forwards every connection to `to` and reports the time of each abort. If it `loses_one`, the first abort is
+/// answered as linuxcncrsh 2.9 does when another line arrives at the same moment, and is not forwarded.
 fn listen_in(to: u16, aborts: &Sender<Instant>, loses_one: bool) -> Result<u16, Failed> {
     let listener = TcpListener::bind("127.0.0.1:0")?;
     let port = listener.local_addr()?.port();
@@ -98,7 +98,7 @@ fn pass_on(mut from: TcpStream, mut to: TcpStream, mut passes: impl FnMut(&[u8])
     }
 }
 
-/// 200 mm at 10 mm/s, held after 0.7 s; when that was asked for.
+/// A move of 200 mm at 10 mm/s, held after 0.7 s; returns the time of the request.
 async fn halted_on_its_way(driver: &mut LinuxCnc, halt: Halt) -> Result<Instant, Failed> {
     let motions = vec![
         Motion::Rapid { to: z(150.0) },
@@ -115,7 +115,7 @@ async fn halted_on_its_way(driver: &mut LinuxCnc, halt: Halt) -> Result<Instant,
     person.join().map_err(|_| "the halt panicked".into())
 }
 
-/// The hold that went ahead gets lost.
+/// The first hold is lost.
 pub fn a_lost_one_is_sent_again() -> Result<(), Failed> {
     let rig = rig()?;
     let (told, aborts) = channel();
@@ -137,8 +137,8 @@ pub fn a_lost_one_is_sent_again() -> Result<(), Failed> {
     })
 }
 
-/// The driver asks for the state every 4 ms meanwhile; measured at the port. Of five the middle one
-/// counts: other programs run here, too.
+/// The driver polls the state every 4 ms meanwhile; the delay is measured at the port. The median of five counts,
+/// because other programs run on the computer, too.
 pub fn it_is_on_the_wire_at_once() -> Result<(), Failed> {
     let rig = rig()?;
     let mut delays = Vec::new();

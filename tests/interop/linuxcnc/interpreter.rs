@@ -1,5 +1,4 @@
-//! LinuxCNC's own interpreter, alone (`rs274 -g`): its canonical moves against our reading of the
-//! same text.
+//! LinuxCNC's interpreter alone (`rs274 -g`): compares its canonical calls with our reading of the same text.
 
 use std::collections::BTreeMap;
 use std::io::Write as _;
@@ -19,16 +18,16 @@ use planning::gcode::{Dialect, Program};
 use rand::RngExt;
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
-/// Half a unit of the last decimal that it prints.
+/// Half a unit of the last printed decimal.
 const PRINTED: f64 = 0.000_051;
-/// It backs off by a hundredth of an inch after a probe move that touched nothing.
+/// Back-off of a hundredth of an inch after a probing move without contact.
 const PROBE_BACK_OFF: f64 = 0.255;
 
 /// A canonical call: name and numbers.
 type Canonical = (String, Vec<f64>);
 
-/// Of several that run at once, one in a hundred dies of a bus error (LinuxCNC 2.9): one at a time,
-/// and once more if it dies all the same.
+/// If several interpreters run at once, one in a hundred fails with a bus error (LinuxCNC 2.9): they run one at a
+/// time, and are repeated after a failure.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
 
 fn interpreted(file: &Path) -> Result<Output, Failed> {
@@ -61,22 +60,22 @@ fn call(line: &str) -> Option<Canonical> {
     Some((name.to_owned(), numbers.filter_map(|number| number.parse().ok()).collect()))
 }
 
-/// LinuxCNC's calls so far: what stands when the next move comes.
+/// State of LinuxCNC's calls before the next move.
 #[derive(Default)]
 struct Standing {
     feed: f64,
-    /// Whatever moves work coordinates away from machine coordinates.
+    /// Offsets between work and machine coordinates.
     offsets: BTreeMap<String, Vec<f64>>,
     inches: bool,
 }
 
 impl Standing {
-    /// The next move, dwell or orientation.
+    /// Returns the call of the next move, dwell or orientation.
     fn next(&mut self, calls: &mut impl Iterator<Item = Canonical>) -> Option<Canonical> {
         calls.find(|(name, numbers)| {
             match name.as_str() {
                 "SET_FEED_RATE" => self.feed = numbers[0],
-                // The first number is the slot's.
+                // The first number is the index of the coordinate system.
                 "SET_G5X_OFFSET" => drop(self.offsets.insert(name.clone(), numbers[1..].to_vec())),
                 "SET_G92_OFFSET" | "SET_XY_ROTATION" | "USE_TOOL_LENGTH_OFFSET" => {
                     self.offsets.insert(name.clone(), numbers.clone());
@@ -90,7 +89,7 @@ impl Standing {
     }
 }
 
-/// Does LinuxCNC mean by `theirs` the motions that we read in `ours`? Their number.
+/// Checks that LinuxCNC's `theirs` and our reading of `ours` are the same motions; returns their number.
 fn agree(ours: &str, theirs: &str) -> Result<usize, Failed> {
     let ours = read(ours, Some("G59.3"))?;
     let mut calls = canonical(theirs)?.into_iter();
@@ -124,7 +123,7 @@ fn agree(ours: &str, theirs: &str) -> Result<usize, Failed> {
     }
 }
 
-/// `at` and `slack`: where it stood before, and how well that is known, by axis.
+/// `at` and `slack`: position before the motion, and its tolerance, by axis.
 fn same_numbers(
     motion: &ReadMotion,
     numbers: &[f64],
@@ -159,7 +158,7 @@ fn some(rng: &mut impl RngExt, axes: &[Axis]) -> Position {
     axes.iter().map(|axis| (*axis, axis.from_edge(rng.random_range(-150.0..150.0)))).collect()
 }
 
-/// A touch as the cycle does it, with arbitrary numbers.
+/// A touch as in the cycle, with arbitrary numbers.
 fn block(step: u32) -> Block {
     use Axis::*;
     let rng = &mut stream(7, &[u64::from(step)]);
@@ -200,8 +199,8 @@ pub fn reads_as_we_do() -> Result<(), Failed> {
     Ok(())
 }
 
-/// The program of a whole plan as a person prints it, and the one of each touch as the driver runs
-/// it, of a machine for LinuxCNC and of one with other axes.
+/// The printed program of a whole plan, and the program of each touch as the driver runs it, for a LinuxCNC machine
+/// and for one with other axes.
 pub fn reads_whole_plans_as_we_do() -> Result<(), Failed> {
     for file in ["linuxcnc-sim.toml", "simulated.toml"] {
         let whole = plan(file, &["--gcode", "linuxcnc"])?;
@@ -226,7 +225,7 @@ pub fn reads_whole_plans_as_we_do() -> Result<(), Failed> {
     Ok(())
 }
 
-/// What `trued plan self-calibration` prints for a machine file of ours.
+/// Output of `trued plan self-calibration` for a machine file of this repository.
 fn plan(file: &str, form: &[&str]) -> Result<String, Failed> {
     let machine = format!("{}/config/{file}", env!("CARGO_MANIFEST_DIR"));
     let output = Command::new(env!("CARGO_BIN_EXE_trued"))
@@ -239,7 +238,7 @@ fn plan(file: &str, form: &[&str]) -> Result<String, Failed> {
     Ok(String::from_utf8(output.stdout)?)
 }
 
-/// The comparison above can fail: LinuxCNC is given another text than we read.
+/// Checks that the comparison can fail: LinuxCNC reads a different text.
 pub fn another_disagrees() -> Result<(), Failed> {
     let text = program(&[block(1)])?;
     for (from, to) in [

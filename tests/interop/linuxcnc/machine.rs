@@ -15,7 +15,7 @@ use planning::proof::{ProvenBlock, for_tests, prove_modes};
 
 use super::rig::{Rig, rig};
 
-/// Cylinder and ball.
+/// Sum of the radii of cylinder and ball, mm.
 const CONTACT_RADIUS: f64 = 48.0;
 
 pub fn run<T>(future: impl Future<Output = Result<T, Failed>>) -> Result<T, Failed> {
@@ -26,7 +26,7 @@ pub async fn open(rig: &Rig) -> Result<(LinuxCnc, Halt), Failed> {
     open_through(rig.port, rig).await
 }
 
-/// Over another port, behind which somebody listens in.
+/// Opens the driver over another port, behind which the traffic is observed.
 pub async fn open_through(port: u16, rig: &Rig) -> Result<(LinuxCnc, Halt), Failed> {
     let settings = Settings {
         address: Address::Tcp { host: "127.0.0.1".to_owned(), port },
@@ -41,13 +41,13 @@ pub async fn open_through(port: u16, rig: &Rig) -> Result<(LinuxCnc, Halt), Fail
 
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
-/// As it is sent to the rig; no bodies are looked at.
+/// The block as it is sent to the rig, without a collision check.
 pub fn proven(driver: &LinuxCnc, block: &Block) -> ProvenBlock {
     let dialect = Dialect::named("linuxcnc").expect("its templates");
     for_tests::proven_block(block, &AXES, &dialect, &driver.transmission()).expect("a program")
 }
 
-/// That the rig is started with.
+/// The INI file with which the rig is started.
 pub fn rig_ini() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/peers/linuxcnc/rig.ini")
 }
@@ -60,7 +60,7 @@ pub fn z(height: f64) -> Position {
     Position::new().with(Axis::Z, height)
 }
 
-/// From above to the flank, a touch from `from` to `to` (radii), back and up.
+/// A touch: from above down beside the flank, from radius `from` to radius `to`, back and up.
 pub fn touch(step: u32, angle: f64, c: f64, from: f64, to: f64) -> Block {
     let motions = vec![
         Motion::Rapid { to: z(150.0) },
@@ -120,7 +120,7 @@ pub fn finds_the_true_centre() -> Result<(), Failed> {
         eprintln!("a block that does nothing: {:.3} s", started.elapsed().as_secs_f64() / 10.0);
         for c in [0.0, 2.0] {
             let found = centre(&mut driver, c).await?;
-            // The table turns by +C, the cylinder stands eccentric on it, the stylus on the spindle.
+            // The table turns by +C; the cylinder is eccentric on the table, the stylus on the spindle.
             let (sin, cos) = f64::sin_cos(c);
             let truth = [
                 0.050 + 0.120 * cos + 0.080 * sin - 0.0121,
@@ -165,7 +165,7 @@ pub fn a_contact_in_a_guarded_move_stops_it() -> Result<(), Failed> {
         if !(CONTACT_RADIUS - 2.0..CONTACT_RADIUS + 0.5).contains(&radius) {
             return Err(format!("it stands at radius {radius}").into());
         }
-        // Pressed: only a way out is taken.
+        // In contact: the driver accepts only a retract.
         driver.prepare().await?;
         let again = driver.execute(proven(&driver, &touch(4, 0.0, 0.0, 48.6, 46.0))).await;
         expect(again, |error| matches!(error, ControllerError::StillTripped { step: 4 }))?;
@@ -256,7 +256,7 @@ pub fn a_control_that_hangs_is_given_up() -> Result<(), Failed> {
         rig.task("-CONT")?;
         frozen?;
         expect(hung, |error| matches!(error, ControllerError::Frozen))?;
-        // What was sent to it meanwhile is an abort.
+        // An abort is sent to LinuxCNC meanwhile.
         tokio::time::sleep(Duration::from_millis(500)).await;
         let stands = rig.joint(0)?;
         tokio::time::sleep(Duration::from_millis(300)).await;
@@ -300,7 +300,7 @@ pub fn the_users_offsets_are_respected() -> Result<(), Failed> {
         let words = |codes: &str, axis: char| {
             codes.split(' ').filter(|c| !c.starts_with(axis)).map(str::to_owned).collect::<Vec<_>>()
         };
-        // The motion group and F hold what ran last, not what was set.
+        // The motion group and F contain the last executed values, not the last set ones.
         let modal = |codes: &str| {
             words(codes, 'F')
                 .into_iter()

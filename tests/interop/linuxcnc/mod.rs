@@ -1,6 +1,6 @@
-//! Against real LinuxCNC (Debian packages linuxcnc-uspace and linuxcnc-uspace-dev). Without it the
-//! trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` they fail. `.ci/run` runs a whole cycle with a
-//! stop and resume, and the comparison of the interpreters; `.ci/long` runs all.
+//! Tests against real LinuxCNC (Debian packages linuxcnc-uspace and linuxcnc-uspace-dev). Without it the trials are
+//! skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` they fail. `.ci/run` runs a whole cycle with a stop and
+//! resume, and the comparison of the interpreters; `.ci/long` runs all.
 
 mod contact;
 mod cycle;
@@ -24,8 +24,8 @@ use libtest_mimic::Failed;
 use crate::support::harness::{Pool, Trials, is_command, trials};
 
 /// LinuxCNC 2.9 checks its queue before its motion has reported that the queue is empty, and stops the program:
-/// seen in three of 37 trials of one run where its servo thread is late, on a shared machine without
-/// real time. `trued` holds, as it should; the trial is repeated.
+/// observed in three of 37 trials of one run where its servo thread is late, on a shared machine without real time.
+/// `trued` holds, as it should; the trial is repeated.
 fn is_late(failed: &Failed) -> bool {
     failed.message().is_some_and(|message| message.contains("Queue is not empty after"))
 }

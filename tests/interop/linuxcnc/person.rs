@@ -1,4 +1,4 @@
-//! Somebody at the control beside `trued`: a line by hand, an answer, and patience.
+//! A second client of the control beside `trued`: enters lines, reads answers, and waits.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -7,14 +7,14 @@ use std::time::{Duration, Instant};
 
 use libtest_mimic::Failed;
 
-/// How long a control that is late is waited for.
+/// Timeout for a late control.
 const PATIENCE: Duration = Duration::from_secs(30);
 
-/// Somebody else at the control.
+/// A second client of the control.
 pub struct Person(TcpStream);
 
 impl Person {
-    /// At the linuxcncrsh of this port.
+    /// Connects to the linuxcncrsh of this port.
     pub fn at(port: u16) -> Result<Self, Failed> {
         let stream = TcpStream::connect(("127.0.0.1", port))?;
         stream.set_nodelay(true)?;
@@ -39,7 +39,7 @@ impl Person {
         if answer.ends_with("NAK") { Err(format!("{line}: {answer}").into()) } else { Ok(answer) }
     }
 
-    /// Say `lines` until `get what` answers `wanted`: a control that is late drops what it is told.
+    /// Sends `lines` until `get what` answers `wanted`: a late control drops commands.
     pub fn until(&mut self, what: &str, wanted: &str, lines: &[&str]) -> Result<(), Failed> {
         let started = Instant::now();
         let mut said = String::new();
@@ -58,7 +58,7 @@ impl Person {
         Err(format!("after {PATIENCE:?} of {lines:?}: {said}").into())
     }
 
-    /// Enter a line by hand and wait until it is done.
+    /// Enters an MDI line and waits until it is done.
     pub fn mdi(&mut self, line: &str) -> Result<(), Failed> {
         self.say("set mode mdi")?;
         self.say(&format!("set mdi {line}"))?;

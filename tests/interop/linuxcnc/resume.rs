@@ -8,7 +8,7 @@ use super::desk::{Desk, complaint, result};
 use super::faults::{TRAVELLING, wait_for, wait_until};
 use super::rig::{Rig, rig};
 
-/// Touches before the stop: the part is located; the references, Test 1a, and some of Test 1b.
+/// Number of touches before the stop: the part is located; the references, Test 1a, and some of Test 1b.
 const BEFORE: u64 = 18;
 
 /// A run that an emergency stop has ended between two touches.
@@ -23,7 +23,7 @@ fn stopped(rig: &Rig, positions: u32, touches: u64) -> Result<Desk, Failed> {
     if output.status.code() == Some(5) { Ok(desk) } else { Err(complaint(&output).into()) }
 }
 
-/// What a person does who has looked: nothing is moved by hand.
+/// Releases the machine as an operator does after an inspection, without manual motion.
 pub fn release(rig: &Rig) -> Result<(), Failed> {
     rig.release()?;
     let mut person = rig.person()?;
@@ -31,7 +31,7 @@ pub fn release(rig: &Rig) -> Result<(), Failed> {
     person.say("set machine on").map(drop)
 }
 
-/// The part stands 1 mm beside its stated place.
+/// The part is 1 mm off its stated position.
 pub fn after_an_emergency_stop() -> Result<(), Failed> {
     let rig = rig()?;
     rig.make_true("ecc-x", 1.120)?;
@@ -63,7 +63,7 @@ pub fn after_an_emergency_stop() -> Result<(), Failed> {
     Ok(())
 }
 
-/// By 20 µm along Y: the reference in Y says so, the one in X does not.
+/// The part moved by 20 µm along Y: the reference in Y detects it, the one in X does not.
 pub fn not_when_the_part_has_moved() -> Result<(), Failed> {
     let rig = rig()?;
     let desk = stopped(&rig, 8, 13)?;

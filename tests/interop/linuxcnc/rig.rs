@@ -1,5 +1,5 @@
-//! The rig `tests/peers/linuxcnc/rig`: started once for all trials, ends with this process. Everything
-//! that can go wrong with a machine can be made to go wrong here.
+//! The rig `tests/peers/linuxcnc/rig`: started once for all trials, ends with this process. All faults of a machine
+//! can be simulated here.
 
 use std::fs::File;
 use std::io::{BufRead, BufReader};
@@ -14,7 +14,7 @@ use libtest_mimic::Failed;
 
 use super::person::Person;
 
-/// What is true when a trial begins.
+/// True machine state at the start of a trial.
 const TRUTH: [(&str, f64); 20] = [
     ("radius", 45.0),
     ("ball-radius-0", 0.0),
@@ -37,11 +37,11 @@ const TRUTH: [(&str, f64); 20] = [
     ("stuck", 0.0),
     ("dead", 0.0),
 ];
-/// Of X, as in rig.ini.
+/// Limit of X, as in rig.ini.
 const LIMIT_MM: f64 = 300.0;
 
 pub struct Rig {
-    /// Its standard input is the rig's life line.
+    /// The rig ends when its standard input is closed.
     process: Child,
     /// Id of the session in which all of LinuxCNC runs.
     session: String,
@@ -49,7 +49,7 @@ pub struct Rig {
     pub directory: PathBuf,
 }
 
-/// The one rig, for one trial at a time; switched on, homed, the truth as it was.
+/// Locks the one rig for one trial; the machine is enabled and homed, and the truth is restored.
 pub fn rig() -> Result<MutexGuard<'static, Rig>, Failed> {
     static RIG: OnceLock<Result<Mutex<Rig>, String>> = OnceLock::new();
     let rig = RIG.get_or_init(|| start(None).map(Mutex::new).map_err(|error| error.to_string()));
@@ -62,7 +62,7 @@ pub fn free_port() -> Result<u16, Box<dyn std::error::Error>> {
     Ok(TcpListener::bind("127.0.0.1:0")?.local_addr()?.port())
 }
 
-/// On a computer that is busy with other things LinuxCNC does not always come up: three tries.
+/// On a busy computer LinuxCNC does not always start: three attempts.
 fn start(port: Option<u16>) -> Result<Rig, Box<dyn std::error::Error>> {
     let directory = std::env::temp_dir().join(format!("trued-rig-{}", std::process::id()));
     std::fs::create_dir_all(&directory)?;
@@ -77,7 +77,7 @@ fn start(port: Option<u16>) -> Result<Rig, Box<dyn std::error::Error>> {
     Err(format!("the rig does not start:\n{why}").into())
 }
 
-/// `None` if it has ended without being ready; it has cleaned up then.
+/// `None` if the rig ended before it was ready; it has then cleaned up.
 fn start_once(port: u16, directory: &Path) -> Result<Option<Rig>, Box<dyn std::error::Error>> {
     let mut process =
         Command::new(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/rig"))
@@ -96,7 +96,7 @@ fn start_once(port: u16, directory: &Path) -> Result<Option<Rig>, Box<dyn std::e
     Ok(Some(Rig { process, session, port, directory: directory.to_owned() }))
 }
 
-/// What the rig and LinuxCNC said last.
+/// Last output of the rig and of LinuxCNC.
 fn tails(directory: &Path) -> String {
     let tail = |name: &str| {
         let bytes = std::fs::read(directory.join(name)).unwrap_or_default();
@@ -115,8 +115,8 @@ pub fn halcmd(arguments: &[&str]) -> Result<String, Failed> {
     Ok(String::from_utf8_lossy(&output.stdout).trim().to_owned())
 }
 
-/// `halcmd` that loads something, or takes it away: as the rig in `directory` itself, so that it ends
-/// with it.
+/// Runs a `halcmd` that loads or unloads a component: as the rig in `directory` itself, so that the component ends
+/// with the rig.
 pub fn load(directory: &Path, arguments: &[&str]) -> Result<(), Failed> {
     let log = File::create(directory.join("load.log"))?;
     let done = Command::new("halcmd")
@@ -148,76 +148,76 @@ fn kill(signal: &str, process: &str) -> Result<(), Failed> {
 }
 
 impl Rig {
-    /// Change the true machine; nobody who measures sees it.
+    /// Changes the true machine, which is hidden from the measurement.
     pub fn make_true(&self, name: &str, value: f64) -> Result<(), Failed> {
         halcmd(&["setp", &format!("truth.{name}"), &value.to_string()]).map(drop)
     }
 
-    /// Where the machine really is, joint by joint.
+    /// True position of a joint.
     pub fn joint(&self, joint: usize) -> Result<f64, Failed> {
         Ok(halcmd(&["getp", &format!("joint.{joint}.pos-fb")])?.parse()?)
     }
 
-    /// Somebody hits the emergency stop.
+    /// Presses the emergency stop.
     pub fn emergency_stop(&self) -> Result<(), Failed> {
         halcmd(&["unlinkp", "iocontrol.0.emc-enable-in"])?;
         halcmd(&["setp", "iocontrol.0.emc-enable-in", "0"]).map(drop)
     }
 
-    /// Somebody releases the emergency stop; it still has to be acknowledged at the control.
+    /// Releases the emergency stop; it must still be acknowledged at the control.
     pub fn release(&self) -> Result<(), Failed> {
         halcmd(&["net", "estop", "iocontrol.0.emc-enable-in"]).map(drop)
     }
 
-    /// The kinematics compensate the rotary axes, or do not. (What M428 and M429 do.)
+    /// Switches whether the kinematics compensate the rotary axes, as M428 and M429 do.
     pub fn tool_centre_point(&self, on: bool) -> Result<(), Failed> {
         halcmd(&["setp", "motion.switchkins-type", if on { "1" } else { "0" }])?;
         sleep(Duration::from_millis(100));
         Ok(())
     }
 
-    /// Something foreign deflects the stylus for a moment.
+    /// An obstacle deflects the stylus for a moment.
     pub fn foreign_contact(&self) -> Result<(), Failed> {
         self.make_true("stuck", 1.0)?;
         sleep(Duration::from_millis(20));
         self.make_true("stuck", 0.0)
     }
 
-    /// The part is not on the table any more.
+    /// Removes the part from the table.
     pub fn remove_part(&self) -> Result<(), Failed> {
         self.make_true("ecc-x", 400.0)
     }
 
-    /// Contacts so far.
+    /// Number of contacts so far.
     pub fn touches(&self) -> Result<u64, Failed> {
         Ok(halcmd(&["getp", "truth.touches"])?.parse()?)
     }
 
-    /// Somebody presses a button at the machine: `program.pause`, `machine.off` …
+    /// Presses a button at the machine: `program.pause`, `machine.off` …
     pub fn press(&self, button: &str) -> Result<(), Failed> {
         halcmd(&["setp", &format!("halui.{button}"), "1"])?;
         sleep(Duration::from_millis(100));
         halcmd(&["setp", &format!("halui.{button}"), "0"]).map(drop)
     }
 
-    /// Somebody turns the feed override down to nothing.
+    /// Sets the feed override to 0 %.
     pub fn no_feed(&self) -> Result<(), Failed> {
         halcmd(&["setp", "halui.feed-override.scale", "1"])?;
         self.press("feed-override.decrease")
     }
 
-    /// A guard opens: the axes hold, and nobody is told.
+    /// Simulates an open guard: the axes hold without a message.
     pub fn feed_hold(&self, on: bool) -> Result<(), Failed> {
         halcmd(&["setp", "motion.feed-inhibit", if on { "1" } else { "0" }]).map(drop)
     }
 
-    /// Somebody narrows the travel of X at the control.
+    /// Reduces the travel of X at the control.
     pub fn limit_x(&self, mm: f64) -> Result<(), Failed> {
         halcmd(&["setp", "ini.0.max_limit", &mm.to_string()])?;
         halcmd(&["setp", "ini.x.max_limit", &mm.to_string()]).map(drop)
     }
 
-    /// LinuxCNC's task: `-STOP`, `-CONT`, `-KILL`.
+    /// Sends a signal to LinuxCNC's task: `-STOP`, `-CONT`, `-KILL`.
     pub fn task(&self, signal: &str) -> Result<(), Failed> {
         kill(signal, &self.pid_of_task()?)
     }
@@ -228,12 +228,12 @@ impl Rig {
         Ok(String::from_utf8_lossy(&task.stdout).trim().to_owned())
     }
 
-    /// linuxcncrsh: `-STOP`, `-CONT`, `-KILL`.
+    /// Sends a signal to linuxcncrsh: `-STOP`, `-CONT`, `-KILL`.
     pub fn rsh(&self, signal: &str) -> Result<(), Failed> {
         kill(signal, std::fs::read_to_string(self.directory.join("rsh.pid"))?.trim())
     }
 
-    /// Somebody starts linuxcncrsh again.
+    /// Starts linuxcncrsh again.
     pub fn start_rsh(&self) -> Result<(), Failed> {
         kill("-USR1", &self.process.id().to_string())?;
         for _ in 0..100 {
@@ -245,7 +245,7 @@ impl Rig {
         Err("linuxcncrsh does not come back".into())
     }
 
-    /// Somebody switches LinuxCNC off and on; it is homed then, and the truth is as it was.
+    /// Restarts LinuxCNC; it is homed then, and the truth is restored.
     pub fn restart(&mut self) -> Result<(), Failed> {
         drop(self.process.stdin.take());
         self.process.wait()?;
@@ -253,7 +253,7 @@ impl Rig {
         self.put_right()
     }
 
-    /// Wait until nothing moves; where the joints stand then.
+    /// Waits until the machine is at rest; returns the joint positions.
     pub fn stands(&self) -> Result<Vec<f64>, Failed> {
         let joints = || (0..5).map(|joint| self.joint(joint)).collect::<Result<Vec<_>, _>>();
         let mut last = joints()?;
@@ -268,8 +268,7 @@ impl Rig {
         Err("it does not come to rest".into())
     }
 
-    /// Everything as it should be when a trial begins: a person has been busy. If that does not
-    /// help, LinuxCNC is switched off and on.
+    /// Restores the state at the start of a trial, as an operator would. If that fails, LinuxCNC is restarted.
     pub fn mend(&mut self) -> Result<(), Failed> {
         let _ = self.rsh("-CONT");
         if self.pid_of_task()?.is_empty() {
@@ -295,13 +294,13 @@ impl Rig {
         self.switch_on()
     }
 
-    /// A person releases the stop, switches on and clears the part. Homing survives a stop.
+    /// Releases the stop, enables the machine and clears the part, as an operator does. Homing survives a stop.
     fn switch_on(&self) -> Result<(), Failed> {
         self.release()?;
         let mut person = self.person()?;
         person.until("estop", "OFF", &["set estop off"])?;
         person.until("machine", "ON", &["set machine on"])?;
-        // While it is stopped, it refuses an abort.
+        // While it is paused, LinuxCNC refuses an abort.
         person.until("program_status", "IDLE", &["set abort"])?;
         person.until("feed_override", "100", &["set feed_override 100"])?;
         for _ in 0..3 {

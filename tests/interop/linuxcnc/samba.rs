@@ -1,5 +1,5 @@
-//! Balls on the rig's table: that they stand where the rig's pins say, and that `trued run samba`
-//! finds the true rotary axes by them.
+//! Balls on the rig's table: checks that they are at the positions of the rig's pins, and that `trued run samba`
+//! finds the true rotary axes with them.
 
 use std::f64::consts::FRAC_PI_2;
 use std::time::Instant;
@@ -17,22 +17,22 @@ use super::desk::{Desk, complaint, result};
 use super::machine::{open, proven, run, z};
 use super::rig::{Rig, rig};
 
-/// Where the true axes stand, mm, and how they lie, rad: the rig's pins.
+/// Positions of the true axes, mm, and their orientations, rad: the rig's pins.
 const B: Vector3<f64> = Vector3::new(0.035, 0.0, -0.060);
 const B_LIES: [f64; 2] = [40e-6, -30e-6];
 const C: Vector3<f64> = Vector3::new(0.110, -0.030, 0.0);
 const C_LIES: [f64; 2] = [-25e-6, 55e-6];
 const STYLUS: Vector3<f64> = Vector3::new(0.0121, -0.0082, 0.045);
-/// Where the balls stand with all axes at zero, up to half a millimetre from where samba.toml has
-/// them; the first two stand 150 mm apart.
+/// Positions of the balls with all axes at zero, up to half a millimetre from those of samba.toml; the first two
+/// are 150 mm apart.
 pub const BALLS: [[f64; 3]; 4] =
     [[80.3, -0.2, 90.4], [-69.7, -0.2, 90.4], [9.8, 75.4, 130.1], [-15.3, -84.7, 109.8]];
 const RADIUS: f64 = 10.0;
-/// Of the stylus ball.
+/// Radius of the stylus ball.
 const TIP: f64 = 3.0;
 
-/// What the estimate has to be: µm, µrad, and mm for the stylus, which is measured from the true axes:
-/// B along X and Z, C along Y. How near, in the same units.
+/// Expected estimate, µm, µrad, and mm for the stylus, which is measured from the true axes: B along X and Z, C
+/// along Y. Then the tolerance in the same units.
 const TRUTH: [(&str, f64, f64); 8] = [
     ("EX0C", 75.0, 2.0),
     ("EA0B", 40.0, 10.0),
@@ -44,7 +44,7 @@ const TRUTH: [(&str, f64, f64); 8] = [
     ("tool_z", 0.105, 0.002),
 ];
 
-/// The same from one ball: how B stands about itself and how C leans about Y are one figure then.
+/// The same from one ball: the rotation of B about its own axis and the tilt of C about Y are then one parameter.
 const CHASED: [(&str, f64, f64); 8] = [
     ("EX0C", 75.0, 2.0),
     ("EA0B", 40.0, 10.0),
@@ -56,7 +56,7 @@ const CHASED: [(&str, f64, f64); 8] = [
     ("zero_z", 0.105, 0.002),
 ];
 
-/// Take the cylinder away, put the balls on the table, and let the axes lie as above.
+/// Removes the cylinder, puts the balls on the table, and sets the axis errors above.
 pub fn put_balls(rig: &Rig) -> Result<(), Failed> {
     let axes = [
         ("b-x", B.x),
@@ -84,8 +84,8 @@ pub fn put_balls(rig: &Rig) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Where the axes X, Y, Z stand when the stylus ball is where the ball is: plain matrices, where the
-/// rig turns points about lines.
+/// Positions of X, Y, Z at which the stylus ball and the ball coincide: computed with plain matrices, whereas the
+/// rig rotates points about lines.
 fn coincide(ball: [f64; 3], b: f64, c: f64) -> Vector3<f64> {
     let about =
         |p: Vector3<f64>, through: Vector3<f64>, lies: Rotation3<f64>, turn: Rotation3<f64>| {
@@ -113,7 +113,7 @@ fn touch(step: u32, centre: Vector3<f64>, normal: Vector3<f64>, (b, c): (f64, f6
     Block { step, repeat: 0, motions }
 }
 
-/// Four touches round the ball and one at its pole.
+/// Measures the centre by four touches around the ball and one at its pole.
 async fn centre(
     driver: &mut LinuxCnc,
     near: Vector3<f64>,
@@ -137,7 +137,7 @@ async fn centre(
     Ok(Vector3::from(sphere.centre))
 }
 
-/// The rig's balls, touched by hand.
+/// Touches the rig's balls directly through the driver.
 pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
     let rig = rig()?;
     put_balls(&rig)?;
@@ -147,7 +147,7 @@ pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
         for (ball, b, c) in [(2, 30.0, 50.0), (3, -40.0, 200.0)] {
             let (b, c) = (f64::to_radians(b), f64::to_radians(c));
             let truth = coincide(BALLS[ball], b, c);
-            // From a tenth beside it: nobody knows where it is.
+            // The start is a tenth of a millimetre off, because the true position is unknown.
             let near = truth + Vector3::new(0.05, -0.1, 0.04);
             let off_um = (centre(&mut driver, near, (b, c)).await? - truth) * 1e3;
             eprintln!("ball {ball} at B {b:.3} C {c:.3}: off by {:.3?} um", off_um.as_slice());
@@ -159,12 +159,12 @@ pub fn a_ball_is_where_the_axes_carry_it() -> Result<(), Failed> {
     })
 }
 
-/// `trued run samba` with the errors that the rig has.
+/// Runs `trued run samba` with the errors of the rig.
 pub fn finds_the_true_axes() -> Result<(), Failed> {
     finds("samba", &TRUTH)
 }
 
-/// `trued run laser-r-test` by the touch probe, on one ball.
+/// Runs `trued run laser-r-test` with the touch probe, on one ball.
 pub fn chases_the_ball() -> Result<(), Failed> {
     finds("laser-r-test", &CHASED)
 }
@@ -175,7 +175,7 @@ fn finds(method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
     finds_at(&Desk::with_balls(&rig)?, method, truth)
 }
 
-/// What `method` has to find, each by its symbol: its value, and how near.
+/// Checks the result of `method`: for each symbol its value and the tolerance.
 pub fn finds_at(desk: &Desk, method: &str, truth: &[(&str, f64, f64)]) -> Result<(), Failed> {
     let started = Instant::now();
     let output = desk.run(method)?.wait_with_output()?;

@@ -1,4 +1,4 @@
-//! The states in which the driver must not measure, against a running LinuxCNC.
+//! States of a running LinuxCNC in which the driver must not measure.
 
 use std::time::{Duration, Instant};
 
@@ -18,7 +18,7 @@ fn refused(prepared: Result<Prepared, ControllerError>, words: &str) -> Result<(
     }
 }
 
-/// A slow way past the part, high above it.
+/// A slow move past the part, high above it.
 fn slow(step: u32) -> Block {
     let motions = vec![
         Motion::Rapid { to: z(150.0) },
@@ -50,7 +50,7 @@ pub fn it_says_where_it_stands() -> Result<(), Failed> {
     })
 }
 
-/// What it says of itself is so: it goes to the limit told, and not beyond.
+/// The reported identification is correct: an axis moves up to the reported limit, and not beyond.
 pub fn it_introduces_itself() -> Result<(), Failed> {
     let rig = rig()?;
     let (identity, b) = run(async {
@@ -72,8 +72,8 @@ pub fn it_introduces_itself() -> Result<(), Failed> {
     Err(format!("{identity}: {b:?}, B stands at {stands}").into())
 }
 
-/// M428 of the sample configurations, from outside: the switch that it turns. At B = C = 0 each axis is where
-/// its joint is in both modes.
+/// M428 of the sample configurations, by the HAL switch that it sets. At B = C = 0 each axis equals its joint in
+/// both modes.
 pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
     let rig = rig()?;
     run(async {
@@ -93,7 +93,7 @@ pub fn kinematics_that_compensate_are_refused() -> Result<(), Failed> {
     })
 }
 
-/// The table's entry of a loaded tool is no offset; G43 and G43.1 make one, of whichever tool.
+/// The table entry of a loaded tool is not an offset; G43 and G43.1 apply an offset, of any tool.
 pub fn an_active_tool_length_offset_is_refused() -> Result<(), Failed> {
     let rig = rig()?;
     run(async {
@@ -122,7 +122,7 @@ pub fn an_active_tool_length_offset_is_refused() -> Result<(), Failed> {
     })
 }
 
-/// It stops within a degree: the stylus is pressed while the table turns at feed.
+/// The table stops within a degree: the stylus is deflected while the table turns at feed.
 pub fn a_contact_in_a_turn_stops_it() -> Result<(), Failed> {
     let rig = rig()?;
     run(async {
@@ -176,7 +176,7 @@ pub fn another_program_is_not_run() -> Result<(), Failed> {
     })
 }
 
-/// Each is noticed, named, given up, and does not go on when what held it is taken away.
+/// Each cause is detected and named, the run is given up, and it does not continue when the cause is removed.
 pub fn what_holds_it_is_named() -> Result<(), Failed> {
     let rig = rig()?;
     type Hand = fn(&Rig) -> Result<(), Failed>;
@@ -218,8 +218,8 @@ pub fn what_holds_it_is_named() -> Result<(), Failed> {
     Ok(())
 }
 
-/// Stopped while it stands between two blocks; released; switched on. Each time the same driver is
-/// asked, and a new one.
+/// Stopped while at rest between two blocks; released; enabled. Each state is checked with the same driver and with
+/// a new one.
 pub fn after_a_stop_only_a_person_makes_it_ready() -> Result<(), Failed> {
     let rig = rig()?;
     run(async {
@@ -245,7 +245,7 @@ pub fn after_a_stop_only_a_person_makes_it_ready() -> Result<(), Failed> {
     })
 }
 
-/// The probe stays closed after the touch: the way up is not taken.
+/// The probe stays closed after the touch: the retract upwards is not executed.
 pub fn nothing_moves_between_back_off_and_open_probe() -> Result<(), Failed> {
     let rig = rig()?;
     run(async {

@@ -1,4 +1,4 @@
-//! What is listened to beside LinuxCNC: `tests/peers/linuxcnc/streams.py`.
+//! Data streams beside LinuxCNC: `tests/peers/linuxcnc/streams.py`.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -7,17 +7,17 @@ use libtest_mimic::Failed;
 
 use super::rig::{Rig, free_port};
 
-/// Sensors about the datum cylinder.
+/// Number of sensors around the datum cylinder.
 const SENSORS: usize = 3;
 
-/// Positions, laser and sensors, each at its port, until dropped.
+/// Streams of positions, laser and sensors, each on its own port, until dropped.
 pub struct Streams {
     process: Child,
     says: BufReader<ChildStdout>,
     hears: Option<ChildStdin>,
     pub positions: u16,
     pub laser: u16,
-    /// Serial ports of the sensors about the datum cylinder.
+    /// Serial ports of the sensors around the datum cylinder.
     pub sensors: Vec<String>,
 }
 
@@ -27,7 +27,7 @@ impl Streams {
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/peers/linuxcnc/streams.py");
         let mut process = Command::new("python3")
             .args([script, &positions.to_string(), &laser.to_string()])
-            // Whatever happens, it ends with the rig.
+            // The streams end with the rig in every case.
             .env("TRUED_RIG", &rig.directory)
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
@@ -44,7 +44,7 @@ impl Streams {
         Ok(streams)
     }
 
-    /// From now on the laser is so much later.
+    /// Sets the additional delay of the laser.
     pub fn delay_ms(&mut self, delay: f64) -> Result<(), Failed> {
         let said = format!("delay {delay}");
         let hears = self.hears.as_mut().ok_or("it hears nothing")?;

@@ -1,4 +1,4 @@
-//! Scans in motion: positions from LinuxCNC's sampler, a laser with a clock and a delay of its own.
+//! Scans in motion: positions from LinuxCNC's sampler, and a laser with its own clock and delay.
 
 use std::time::Duration;
 
@@ -20,12 +20,12 @@ use super::rig::{Rig, rig};
 use super::samba::{BALLS, finds_at, put_balls};
 use super::streams::Streams;
 
-/// The ball, where it truly stands, and the laser's zero point from the spindle's datum, mm.
+/// The true position of the ball, its radius, and the laser's zero point from the spindle datum, mm.
 const BALL: Vector3<f64> = Vector3::new(BALLS[0][0], BALLS[0][1], BALLS[0][2]);
 const RADIUS: f64 = 10.0;
 const ZERO: Vector3<f64> = Vector3::new(0.3, -0.2, -100.05);
 const LEAN: [f64; 2] = [400e-6, -250e-6];
-/// What the laser R-test has to find on the axes as they truly lie; as for the ball chased by touch.
+/// Expected result of the laser R-test for the true axes; the same as for the ball measured by touch.
 const TRUTH: [(&str, f64, f64); 9] = [
     ("EX0C", 75.0, 2.0),
     ("EA0B", 40.0, 10.0),
@@ -35,27 +35,27 @@ const TRUTH: [(&str, f64, f64); 9] = [
     ("zero_x", 0.265, 0.003),
     ("zero_y", -0.17, 0.003),
     ("zero_z", -99.99, 0.003),
-    // ms: streams.py's own 40, and [`DELAY_MS`].
+    // ms: the 40 ms of streams.py, and [`DELAY_MS`].
     ("latency", 46.0, 1.0),
 ];
-/// From the middle to the end of a pass, mm, and feeds, mm/min.
+/// Distance from the middle to the end of a pass, mm, and feeds, mm/min.
 const REACH: f64 = 4.0;
 const FEEDS: [f64; 2] = [600.0, 1800.0];
-/// A delay for the laser, ms.
+/// Additional delay of the laser, ms.
 const DELAY_MS: f64 = 6.0;
-/// A sample that comes so much late, ms, does not agree.
+/// Delay error at which a sample counts as not agreeing, ms.
 const NEAR_MS: f64 = 0.5;
 
-/// How near the latency must follow the delay, ms, and the ball be found, mm.
+/// Tolerance of the latency, ms, and of the ball position, mm.
 struct Near {
     ms: f64,
     mm: f64,
 }
 
-/// Whatever the computer does beside it: a delay that is not seen is 6 ms off, and samples that agree are
-/// 5 um off where they come late at the slow feed.
+/// Tolerance that holds under any load of the computer: an undetected delay gives an error of 6 ms, and agreeing
+/// samples are 5 µm off if they come late at the slow feed.
 const CERTAINLY: Near = Near { ms: 1.0, mm: 0.005 };
-/// On a computer that does nothing else.
+/// Tolerance on an idle computer.
 const CLOSELY: Near = Near { ms: 0.5, mm: 0.001 };
 
 /// Four passes over the ball along X and along Y at each feed, in one stage.
@@ -117,7 +117,7 @@ impl Method for Passes {
     }
 }
 
-/// The run of [`Passes`] on the machine of `desk`.
+/// Runs [`Passes`] on the machine of `desk`.
 async fn passes(desk: &Desk) -> Result<(Vec<Reading>, bool, Result<(), RunError>), Failed> {
     let file = MachineFile::read(&desk.machine())?;
     let devices = setup::devices(&file, Pace::Real, Past::default()).await?;
@@ -140,7 +140,7 @@ async fn passes(desk: &Desk) -> Result<(Vec<Reading>, bool, Result<(), RunError>
 struct Pass(Vec<(f64, Vector3<f64>, f64)>);
 
 impl Pass {
-    /// Where the axes stood, as the readings before and after have it.
+    /// Axis positions, interpolated between the readings before and after.
     fn at(&self, t_s: f64) -> Option<Vector3<f64>> {
         let after = self.0.partition_point(|(time, ..)| *time < t_s);
         let (late, early) = (self.0.get(after)?, self.0.get(after.checked_sub(1)?)?);
@@ -160,8 +160,8 @@ fn by_pass(readings: &[Reading]) -> Vec<Pass> {
     passes
 }
 
-/// What the passes say: where X, Y and Z stand when the zero point is in the ball's centre, mm; how long
-/// after its position a value comes, s; how many samples agree, of how many.
+/// Result of the passes: X, Y and Z at which the zero point is in the ball's centre, mm; delay of a value after its
+/// position, s; number of agreeing samples, of all samples.
 #[derive(Debug)]
 struct Found {
     centre: Vector3<f64>,
@@ -170,15 +170,15 @@ struct Found {
     used: usize,
 }
 
-/// What a sample is off that comes [`NEAR_MS`] too late, at the end of a fast pass, mm.
+/// Error of a sample that is [`NEAR_MS`] too late, at the end of a fast pass, mm.
 fn agrees_mm() -> f64 {
     let slope = REACH / (RADIUS * RADIUS - REACH * REACH).sqrt();
     NEAR_MS * 1e-3 * FEEDS[1] / 60.0 * slope
 }
 
-/// Gauss-Newton by differences over centre and latency; samples further off than four times the usual are
-/// left out, round by round, and in the end those that do not agree: lines come late from Python where others
-/// compile, half of them at times.
+/// Gauss-Newton by finite differences over centre and latency. Samples with a residual above four times the usual
+/// one are left out in each iteration, and at the end those that do not agree: under load Python sends lines late,
+/// at times half of them.
 fn fit(passes: &[Pass]) -> Result<Found, Failed> {
     let expected = |at: Vector3<f64>, centre: Vector3<f64>| {
         let off = at - centre;
@@ -231,7 +231,7 @@ fn fit(passes: &[Pass]) -> Result<Found, Failed> {
     last.ok_or_else(|| "no round".into())
 }
 
-/// The first of the balls, and the laser over it, whose beam leans so about X and Y, rad.
+/// Places the first ball, and the laser over it with its beam tilted about X and Y by `lean`, rad.
 fn put_laser(rig: &Rig, lean: [f64; 2]) -> Result<(), Failed> {
     put_balls(rig)?;
     let places = [
@@ -244,13 +244,13 @@ fn put_laser(rig: &Rig, lean: [f64; 2]) -> Result<(), Failed> {
     places.iter().try_for_each(|(name, value)| rig.make_true(name, *value))
 }
 
-/// Two runs that differ by the laser's delay alone: the latency differs by it, and the ball stays where
-/// it is.
+/// Two runs that differ by the laser's delay only: the latency differs by it, and the ball position does not
+/// change.
 pub fn latency_follows_the_sensors_delay() -> Result<(), Failed> {
     follows(&CERTAINLY)
 }
 
-/// Lines that come late one way more than the other move the ball: it is a matter of chance.
+/// Lines that are late more often in one direction than in the other shift the ball; this is random.
 pub fn latency_follows_closely() -> Result<(), Failed> {
     follows(&CLOSELY)
 }
@@ -275,7 +275,7 @@ fn follows(near: &Near) -> Result<(), Failed> {
             latency_s * 1e3,
             off_um.as_slice(),
         );
-        // The rest came late; of those that agree none was chosen by being like the others alone.
+        // The others were late; the agreeing samples are not selected only by their mutual agreement.
         if off_um.abs().max() > near.mm * 1e3 || 4 * used < readings.len() {
             let off_um = off_um.as_slice();
             return Err(format!("the ball is off by {off_um:?} um, {used} readings agree").into());
@@ -290,7 +290,7 @@ fn follows(near: &Near) -> Result<(), Failed> {
     Ok(())
 }
 
-/// Pins in another order than the machine file has them.
+/// The pins are in a different order than in the machine file.
 pub fn wrong_pins_are_refused() -> Result<(), Failed> {
     let rig = rig()?;
     put_laser(&rig, [0.0, 0.0])?;
@@ -308,7 +308,7 @@ pub fn wrong_pins_are_refused() -> Result<(), Failed> {
     }
 }
 
-/// `trued run laser-r-test` with its scans in motion.
+/// Runs `trued run laser-r-test` with scans in motion.
 pub fn finds_the_true_axes() -> Result<(), Failed> {
     let rig = rig()?;
     put_laser(&rig, LEAN)?;

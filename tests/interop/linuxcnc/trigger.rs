@@ -1,5 +1,5 @@
-//! The button on the control: LinuxCNC asks `trued serve` for a cycle, by mb2hal and a user M code, and
-//! reads in HAL how it goes. The cycle is measured on this same LinuxCNC.
+//! The button on the control: LinuxCNC requests a cycle from `trued serve` through mb2hal and a user M code, and
+//! reads the progress in HAL. The cycle is measured on the same LinuxCNC.
 
 use std::io::{BufRead, BufReader};
 use std::path::PathBuf;
@@ -16,10 +16,10 @@ const MB2HAL: &str = include_str!("../../peers/linuxcnc/mb2hal.ini");
 const HAL: &str = include_str!("../../peers/linuxcnc/trued.hal");
 const PATIENCE: Duration = Duration::from_secs(20);
 const CYCLE: Duration = Duration::from_secs(240);
-/// After how long HAL must know that the daemon is dead.
+/// Maximum time after which HAL detects that the daemon is dead.
 const DEAD: Duration = Duration::from_secs(2);
 
-/// The daemon and what HAL has of it; both go with this value.
+/// The daemon and its HAL components; both end with this value.
 struct Button {
     daemon: Child,
     directory: PathBuf,
@@ -46,7 +46,7 @@ impl Drop for Button {
 }
 
 impl Button {
-    /// Start the daemon; load mb2hal and the watch.
+    /// Starts the daemon; loads mb2hal and the watchdog.
     fn wired(rig: &Rig) -> Result<(Self, Desk), Failed> {
         let port = free_port().map_err(|error| error.to_string())?;
         let desk = Desk::serving(rig, port)?;
@@ -62,7 +62,7 @@ impl Button {
     }
 }
 
-/// Until it is ready; then go on reading, so that it can go on telling.
+/// Waits until the daemon is ready; then continues to read its log, so that it never blocks.
 fn listen(daemon: &mut Child) -> Result<(), Failed> {
     let mut told = BufReader::new(daemon.stderr.take().ok_or("no log")?).lines();
     let mut all = String::new();
@@ -90,7 +90,7 @@ fn set(name: &str, value: &str) -> Result<(), Failed> {
     halcmd(&["setp", &format!("mb2hal.{name}.bit"), value]).map(drop)
 }
 
-/// Wait; how long it took.
+/// Waits for the condition; returns the duration.
 fn until(name: &str, most: Duration, right: impl Fn(&str) -> bool) -> Result<Duration, Failed> {
     let started = Instant::now();
     loop {
@@ -123,7 +123,7 @@ pub fn a_hal_bit_starts_a_cycle() -> Result<(), Failed> {
     until_status("state", 1, PATIENCE)?;
     let mut person = rig.person()?;
 
-    // The door is closed, the machine on; the key is not turned.
+    // The door is closed and the machine enabled; the key switch is off.
     set("machine.door", "1")?;
     person.mdi("M110")?;
     until_status("refusal", 5, PATIENCE)?;
@@ -137,7 +137,7 @@ pub fn a_hal_bit_starts_a_cycle() -> Result<(), Failed> {
     until_status("run", 1, PATIENCE)?;
     equal("verdict", 0)?;
 
-    // Somebody presses again.
+    // The button is pressed again.
     sleep(Duration::from_millis(500));
     set("start.cycle-1", "1")?;
     until_status("refused", 2, PATIENCE)?;
@@ -157,12 +157,12 @@ pub fn a_hal_bit_starts_a_cycle() -> Result<(), Failed> {
     button.daemon.kill()?;
     let seen = until("trued.alive", PATIENCE, |alive| alive == "FALSE")?;
     eprintln!("HAL knows that the daemon is dead after {seen:?}");
-    // The pins of mb2hal know nothing of it.
+    // The pins of mb2hal do not show it.
     equal("state", 1)?;
     if seen > DEAD { Err(format!("a dead daemon is seen after {seen:?}").into()) } else { Ok(()) }
 }
 
-/// Until the run has ended: its progress goes up, in steps.
+/// Waits for the end of the run: its progress increases in steps.
 fn follow() -> Result<(), Failed> {
     let (started, mut seen) = (Instant::now(), vec![0]);
     while status("state")? == 2 {

@@ -1,5 +1,5 @@
-//! `trued run multiprobe` on LinuxCNC: C turns at constant speed, the sampler reports where it is, three sensors
-//! report on serial ports of their own.
+//! `trued run multiprobe` on LinuxCNC: C turns at constant speed, the sampler reports its position, three sensors
+//! report on separate serial ports.
 
 use std::process::Output;
 
@@ -25,7 +25,7 @@ const MOTIONS: [(u32, [f64; 4]); 7] = [
 /// Form of the cylinder: order, cosine and sine, µm.
 const FORM: [(u32, [f64; 2]); 4] =
     [(2, [2.0, 1.0]), (3, [-1.5, 0.5]), (5, [0.8, -0.6]), (8, [0.5, 0.4])];
-/// How near a coefficient must come, µm.
+/// Tolerance of a coefficient, µm.
 const NEAR_UM: f64 = 0.1;
 
 fn set(pin: &str, um: f64) -> Result<(), Failed> {
@@ -47,7 +47,7 @@ fn put_cylinder() -> Result<(), Failed> {
     Ok(())
 }
 
-/// Whether each coefficient is near its truth.
+/// Checks each coefficient against its true value.
 fn check_motions(output: &Output) -> Result<(), Failed> {
     eprintln!("{}", complaint(output));
     if output.status.code() != Some(0) {
@@ -77,15 +77,15 @@ pub fn turns_find_the_true_error_motions() -> Result<(), Failed> {
     check_motions(&desk.run("multiprobe")?.wait_with_output()?)
 }
 
-/// An emergency stop in the turn forward: nothing of that turn is kept, all before it is, and the resumed run has
-/// the same result.
+/// An emergency stop during the forward turn: the data of that turn are discarded, all earlier data are kept, and
+/// the resumed run has the same result.
 pub fn a_table_that_stops_in_mid_turn_loses_that_turn_alone() -> Result<(), Failed> {
     let rig = rig()?;
     put_cylinder()?;
     let streams = Streams::of(&rig)?;
     let desk = Desk::with_sensors(&rig, &streams)?;
     let mut run = desk.run("multiprobe")?;
-    // The turn of the centring aid, the reference from its beginning to 90° further, the turn forward.
+    // The turn for centring, the reference from its beginning to 90° further, the forward turn.
     wait_until(|rig| Ok(rig.joint(4)? > 300.0), &rig, &mut run)?;
     wait_until(|rig| Ok(rig.joint(4)? < 10.0), &rig, &mut run)?;
     wait_until(|rig| Ok(rig.joint(4)? > 180.0), &rig, &mut run)?;

@@ -1,4 +1,4 @@
-//! Chromium behind its driver.
+//! Chromium, controlled through chromedriver.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use super::webdriver::{WebDriverClient, WebElement};
 
-/// For whatever is waited for; a computer that compiles as well is slow.
+/// Timeout of every wait; a computer that also compiles is slow.
 const PATIENCE: Duration = Duration::from_secs(300);
 
 pub struct Driver {
@@ -19,7 +19,7 @@ pub struct Driver {
 }
 
 impl Drop for Driver {
-    /// The browser ends with its driver, but not if that is killed.
+    /// The browser ends with its driver, but not if the driver is killed.
     fn drop(&mut self) {
         if let Ok(mut stream) = TcpStream::connect(("127.0.0.1", self.port)) {
             let _ = stream.set_read_timeout(Some(Duration::from_secs(10)));
@@ -31,7 +31,8 @@ impl Drop for Driver {
     }
 }
 
-/// The driver takes a free port of IPv4, and ends where another process has the same one of IPv6.
+/// Number of start attempts: the driver takes a free IPv4 port, and exits if another process uses the same IPv6
+/// port.
 const STARTS: usize = 5;
 
 impl Driver {
@@ -60,7 +61,7 @@ impl Driver {
 
 pub struct Browser {
     pub client: WebDriverClient,
-    /// Outlives the client.
+    /// Must outlive the client.
     _driver: Driver,
 }
 
@@ -68,7 +69,7 @@ impl Browser {
     pub fn open() -> Self {
         let driver = Driver::start();
         let capabilities = json!({
-            // As root, as in a container, Chromium has no sandbox of its own.
+            // As root, for example in a container, Chromium cannot use its sandbox.
             "goog:chromeOptions": {"args": ["--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]},
             "goog:loggingPrefs": {"browser": "ALL"},
         });
@@ -107,14 +108,14 @@ impl Browser {
         }
     }
 
-    /// Of what is there now.
+    /// Visible text of the first element that matches now.
     pub fn text(&self, css: &str) -> String {
         let script = "const found = document.querySelector(arguments[0]); return found ? found.innerText : ''";
         let text = self.client.execute(script, &[json!(css)]);
         text.ok().and_then(|text| text.as_str().map(str::to_owned)).unwrap_or_default()
     }
 
-    /// Wait for it.
+    /// Waits until the text of the element satisfies `right`.
     pub fn until(&self, css: &str, right: impl Fn(&str) -> bool) -> String {
         let started = Instant::now();
         loop {
@@ -127,7 +128,7 @@ impl Browser {
         }
     }
 
-    /// Fill in and send the form to `action`: fields by name, and each box that is to be ticked.
+    /// Fills in and submits the form to `action`: fields by name, and all check boxes ticked.
     pub fn send(&self, action: &str, fields: &[(&str, &str)]) {
         let form = format!("form[action$='{action}']");
         let tick = "for (const box of document.querySelectorAll(arguments[0])) box.click()";

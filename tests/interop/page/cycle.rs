@@ -1,4 +1,4 @@
-//! A cycle from the page: started, watched, held on the way, resumed, watched to its verdict, signed.
+//! A cycle from the page: started, monitored, held midway, resumed, monitored up to its verdict, signed.
 
 use super::browser::Browser;
 use super::look;
@@ -10,8 +10,8 @@ pub fn address(daemon: &DaemonProcess) -> String {
     format!("http://127.0.0.1:{}/", daemon.http_port())
 }
 
-/// Few touches on a hasty machine: a whole run at its true pace takes less than a minute, of which half is
-/// left after the twelfth touch.
+/// Few touches on a fast machine: a whole run in real time takes less than a minute, of which half remains after
+/// the twelfth touch.
 pub fn shop() -> MachineShop {
     let shop = MachineShop::with_serve(HTTP);
     let faster = [
@@ -30,7 +30,7 @@ pub fn shop() -> MachineShop {
     shop
 }
 
-/// Touches so far, as the page says.
+/// Waits until the page shows this number of touches.
 fn measured(browser: &Browser, at_least: usize) {
     let count = |text: &str| text.lines().last().and_then(|line| line.parse::<usize>().ok());
     let is = |text: &str| count(text).is_some_and(|count| count >= at_least);
@@ -45,7 +45,7 @@ pub fn held_and_signed() {
     let browser = Browser::open();
     let shop = shop();
     shop.change("[serve]", "[[prompt]]\ntext = \"part and stylus are clean\"\n[serve]");
-    // Time for a browser that is slow to hold it on its way.
+    // Enough time for a slow browser to hold the run midway.
     shop.change("positions = 5", "positions = 8");
     let daemon = shop.serve("real");
     let (client, at) = (&browser.client, address(&daemon));
@@ -60,7 +60,7 @@ pub fn held_and_signed() {
     browser.send("/answer", &[("who", "Ada")]);
     glance(&browser, "measuring");
     assert_eq!(browser.text("#asked"), "");
-    // The part is located by five touches; four references follow.
+    // Five touches locate the part; four references follow.
     measured(&browser, 12);
     browser.find("#live svg .mark.now");
     let hold = "const box = document.querySelector('button.hold').getBoundingClientRect();
@@ -77,7 +77,7 @@ pub fn held_and_signed() {
 
     browser.send("/resume", &[("who", "Grace")]);
     glance(&browser, "measuring");
-    // Those from before count.
+    // Touches from before the hold count.
     measured(&browser, 18);
     look::at(&browser, "measuring");
     glance(&browser, "true");

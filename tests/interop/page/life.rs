@@ -1,4 +1,4 @@
-//! A page that is left open for days shows what is so now, or nothing.
+//! A page that stays open for days shows the current state or none.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -11,10 +11,10 @@ use crate::support::http::HTTP;
 use crate::support::machine_shop::MachineShop;
 
 const MACHINE: &str = "simulated five-axis machine";
-/// Of a page that cannot know how its machine stands.
+/// Text that a page without a connection must not show.
 const GONE: [&str; 6] = ["as of", "measuring", "time left", "Newest runs", "dawn", "armed"];
 
-/// With a schedule beside its page.
+/// A machine with a schedule.
 fn with_schedule() -> MachineShop {
     let shop = shop();
     let schedule = "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"30 5 * * *\"\nzone = \"Europe/Berlin\"\n";
@@ -22,7 +22,7 @@ fn with_schedule() -> MachineShop {
     shop
 }
 
-/// What comes is known to the service a moment after it is ready.
+/// The service computes the schedule a moment after it is ready.
 fn planned(browser: &Browser, daemon: &DaemonProcess) {
     let at = address(daemon);
     browser.client.goto(&at).unwrap();
@@ -36,7 +36,7 @@ fn planned(browser: &Browser, daemon: &DaemonProcess) {
     panic!("the schedule is not told");
 }
 
-/// Its connection stays open, and says nothing more.
+/// The connection stays open but transmits nothing more.
 pub fn stands_still() {
     let browser = Browser::open();
     let shop = with_schedule();
@@ -50,7 +50,7 @@ pub fn stands_still() {
     let seen = browser.until("main", away);
     assert!(GONE.iter().all(|words| !seen.contains(words)), "{seen}");
     assert_eq!(browser.client.title().unwrap(), "no connection");
-    // The way to the hold is not taken away by what the page believes.
+    // The hold button stays available without a connection.
     browser.find("button.hold");
     look::at(&browser, "stands-still");
     daemon.signal("CONT");
@@ -61,8 +61,8 @@ pub fn stands_still() {
     browser.until("main", back);
 }
 
-/// Somebody arms a schedule elsewhere: a page that nobody touches says so after a minute. What is open on it
-/// stays open, and what was typed stays typed.
+/// A schedule is armed elsewhere: an idle page shows it after a minute. Open sections stay open, and typed text is
+/// kept.
 pub fn slowly() {
     let browser = Browser::open();
     let shop = with_schedule();
@@ -76,7 +76,7 @@ pub fn slowly() {
     client.execute(touched, &[]).unwrap();
     let armed = shop.trued(&["arm", MACHINE, "1", "--who", "Ada", "--until", "3d"]);
     assert!(armed.status.success(), "{armed:?}");
-    // The minute is over at once.
+    // Advance the page's clock by a minute.
     let later = "const now = Date.now; Date.now = () => now() + 61000";
     client.execute(later, &[]).unwrap();
     browser.until("#schedule", |text| text.contains("armed by Ada until"));

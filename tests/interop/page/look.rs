@@ -1,4 +1,4 @@
-//! What a page must be beside right: usable by everybody, and a picture of it.
+//! Requirements of a page besides correct content: accessibility, and a picture of it.
 
 use std::path::{Path, PathBuf};
 
@@ -7,12 +7,12 @@ use serde_json::{Value, json};
 use super::axe;
 use super::browser::Browser;
 
-/// At a desk, a tablet upright, and a telephone.
+/// Screen sizes of a desktop, an upright tablet, and a telephone.
 const SIZES: [(&str, [u32; 2]); 3] =
     [("desktop", [1280, 900]), ("tablet", [820, 1180]), ("telephone", [390, 844])];
 
-/// At each width, in the light and in the dark: a picture, nothing that axe-core calls serious, nothing
-/// wider than the screen, no target that a glove misses.
+/// Checks at each width, in light and dark mode: takes a picture; axe-core reports no serious problem, nothing is
+/// wider than the screen, and every target is large enough for a glove.
 pub fn at(browser: &Browser, name: &str) {
     for (width, size) in SIZES {
         browser.size(size);
@@ -41,7 +41,7 @@ fn picture(browser: &Browser, name: &str) {
     std::fs::write(folder().join(format!("{name}.png")), png).unwrap();
 }
 
-/// What axe-core finds, serious or worse.
+/// Problems that axe-core rates serious or worse.
 pub fn serious(browser: &Browser) -> Vec<String> {
     let script = std::fs::read_to_string(axe().unwrap()).unwrap();
     browser.client.execute(&script, &[]).expect("axe-core");
@@ -55,7 +55,7 @@ pub fn serious(browser: &Browser) -> Vec<String> {
     found.iter().filter(bad).map(ToString::to_string).collect()
 }
 
-/// Whatever is to be hit with a glove and is less than 48 pixels high, or wide.
+/// Targets less than 48 pixels high or wide, too small for a glove.
 fn small(browser: &Browser) -> Vec<String> {
     let ask = "return [...document.querySelectorAll('a, button, input, select, summary')]
         .filter((one) => one.offsetParent && one.type !== 'hidden')

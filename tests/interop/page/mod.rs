@@ -1,8 +1,7 @@
-//! The page as a person uses it: headless Chromium behind chromedriver, against the program. The browser
-//! and its driver are Debian's `chromium` and `chromium-driver`; axe-core, which looks for what keeps people
-//! from using a page, is made by `tests/peers/axe/fetch`. Without them these trials are skipped, with the
-//! reason; with `TRUED_REQUIRE_PEERS=1` they fail. Pictures of what was seen are in `page` below the
-//! target directory.
+//! The page as an operator uses it: headless Chromium behind chromedriver, connected to the program. The browser
+//! and its driver are Debian's `chromium` and `chromium-driver`; axe-core, which checks accessibility, is built by
+//! `tests/peers/axe/fetch`. Without them these trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1`
+//! they fail. Pictures of the pages are in `page` below the target directory.
 
 mod browser;
 mod cycle;
@@ -18,7 +17,7 @@ use crate::support::harness::{Pool, Trials, is_command, trials};
 
 const MISSING: &str = "chromedriver or axe-core is missing: apt-get install chromium chromium-driver; tests/peers/axe/fetch";
 
-/// What `tests/peers/axe/fetch` has made.
+/// The file that `tests/peers/axe/fetch` creates.
 fn axe() -> Option<PathBuf> {
     let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent()?;
     let file = target.join("peers/axe-4.12.1/axe.min.js");

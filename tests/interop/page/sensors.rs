@@ -1,4 +1,4 @@
-//! The page while a person sets up sensors: their values change under what is typed.
+//! The page while an operator sets up sensors: their values update while the operator types.
 
 use super::browser::Browser;
 use super::cycle::address;
@@ -6,7 +6,7 @@ use super::look;
 use crate::support::http::HTTP;
 use crate::support::machine_shop::MachineShop;
 
-/// The artefact is off by 0.12 mm: the second prompt has targets.
+/// The artefact is off by 0.12 mm, so that the second prompt has targets.
 fn shop() -> MachineShop {
     let file = include_str!("../../../config/multiprobe.toml");
     let cycle =
@@ -26,7 +26,7 @@ pub fn change_while_a_name_is_typed() {
     browser.send("/answer", &[("who", "Ada")]);
     let seen = browser.until("#sensors", |text| text.contains("tilt"));
     assert!(seen.contains("section 2") && seen.contains("z1"), "{seen}");
-    // Values differ from look to look; the page is the same one, and what is typed stays.
+    // The values change, but the page is not reloaded and the typed text is kept.
     browser.client.execute("window.untouched = true", &[]).unwrap();
     browser.find("form[action$='/answer'] [name=who]").send_keys("Lise").unwrap();
     let first = browser.text("#sensors");

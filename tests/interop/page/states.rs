@@ -1,4 +1,4 @@
-//! What the page looks like in other states, and without a script.
+//! The page in other states, and without a script.
 
 use serde_json::json;
 
@@ -6,7 +6,7 @@ use super::browser::Browser;
 use super::cycle::{address, shop};
 use super::look;
 
-/// Not true, and away: nothing that was known stands on.
+/// Out of tolerance, then disconnected: no earlier value remains visible.
 pub fn from_afar() {
     let browser = Browser::open();
     let shop = shop();
@@ -31,7 +31,7 @@ pub fn from_afar() {
     browser.until("#live", |text| text.contains("not true"));
     assert_eq!(browser.console(), Vec::<String>::new());
     daemon.child.kill().unwrap();
-    // Of what is hidden, innerText of what is around it says nothing.
+    // innerText of a parent does not contain hidden text.
     browser.until("main", |text| text.contains("no connection") && !text.contains("as of"));
     let seen = browser.text("main");
     assert!(!seen.contains("not true") && !seen.contains("Result of run"), "{seen}");
@@ -39,7 +39,7 @@ pub fn from_afar() {
     look::at(&browser, "away");
 }
 
-/// What stands there; nothing while the page goes elsewhere, and takes along what was found on it.
+/// Text of the element; empty while the page changes and the element has become stale.
 fn said(browser: &Browser, css: &str) -> String {
     browser.find(css).text().unwrap_or_default()
 }

@@ -1,5 +1,5 @@
-//! A blocking client of [W3C WebDriver](https://www.w3.org/TR/webdriver2/), with two of chromedriver's own
-//! commands.
+//! A blocking client of [W3C WebDriver](https://www.w3.org/TR/webdriver2/), with two commands specific to
+//! chromedriver.
 
 use std::time::Duration;
 

@@ -1,4 +1,4 @@
-//! Each fault once, and what the link says of it.
+//! Each fault once, and the error that the link reports.
 
 use std::time::Duration;
 
@@ -10,8 +10,7 @@ use super::server::{Server, on_a_runtime};
 
 const PATIENCE: Duration = Duration::from_millis(1500);
 
-/// A fault, and the first word of the error's kind for a read and for a write; none when the answer
-/// is good all the same.
+/// A fault, and the first word of the error's kind for a read and for a write; empty if the answer is still good.
 const FAULTS: [(&str, &str, &str); 13] = [
     ("none", "", ""),
     ("drop", "Late", "Late"),
@@ -33,12 +32,12 @@ fn kind(error: Option<&ModbusError>) -> String {
     text.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default().to_owned()
 }
 
-/// What stands in the table, where the framing makes a difference.
+/// The table entry, changed where the framing makes a difference.
 fn expected(framing: Framing, fault: &str, told: &'static str) -> &'static str {
     match (framing, fault) {
-        // RTU has no transaction's number.
+        // RTU has no transaction number.
         (Framing::Rtu, "transaction") => "",
-        // TCP has no CRC: what the reply says is believed. Registers that count find it out.
+        // TCP has no CRC: the reply is accepted. Counting registers detect the error.
         (Framing::Tcp, "corrupt") => "corrupt",
         _ => told,
     }
@@ -106,7 +105,7 @@ pub fn spaces() -> Result<(), Failed> {
     })
 }
 
-/// A hold does not wait for a slow reply over TCP, nor behind what is queued.
+/// Over TCP, a hold waits neither for a slow reply nor for queued requests.
 pub fn a_hold_overtakes() -> Result<(), Failed> {
     on_a_runtime(async {
         let mut server = Server::start(Framing::Tcp);
@@ -127,7 +126,7 @@ pub fn a_hold_overtakes() -> Result<(), Failed> {
         );
         assert!(matches!(slow, Err(ModbusError::Late { .. })), "{slow:?}");
         assert!(matches!(queued, Err(ModbusError::Held { .. })), "{queued:?}");
-        // Far from the 15 s of the reply.
+        // Well below the 15 s of the reply.
         assert!(begun.elapsed() < Duration::from_secs(8));
         assert_eq!(server.writes(), [(70, vec![1])]);
         assert_eq!(link.read(Space::Holding, 70, 1).await?, [1]);

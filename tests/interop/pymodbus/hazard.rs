@@ -1,4 +1,4 @@
-//! The late reply: shown first of a plain client, then not of ours.
+//! The late reply: first shown with a plain client, then excluded for ours.
 
 use std::time::Duration;
 
@@ -15,8 +15,7 @@ use super::server::{Server, on_a_runtime};
 const PATIENCE: Duration = Duration::from_millis(1500);
 const LATE: &str = "delay:2.6";
 
-/// The test could fail: tokio-modbus's RTU client, asked again after a time-out, takes the old reply
-/// for the new one.
+/// Shows that the test can fail: after a timeout, tokio-modbus's RTU client takes the old reply for the new one.
 pub fn of_a_plain_client() -> Result<(), Failed> {
     on_a_runtime(async {
         let mut server = Server::start(Framing::Rtu);
@@ -59,11 +58,11 @@ pub fn not_of_ours_tcp() -> Result<(), Failed> {
     on_a_runtime(is_fresh_after_a_late_one(Framing::Tcp, 2 * PATIENCE)).map(drop)
 }
 
-/// The next request does not wait for the late reply: the line is asked whether it is clear.
+/// The next request does not wait for the late reply: the link checks that the line is clear.
 pub fn not_even_while_it_is_owed() -> Result<(), Failed> {
     on_a_runtime(async {
         let (mut server, link) = is_fresh_after_a_late_one(Framing::Rtu, Duration::ZERO).await?;
-        // A late confirmation, of a write: it was done once, and the same write is another one.
+        // A late confirmation of a write: the write was executed once, and the repeated write is a new one.
         server.faults(&[LATE]);
         let late = link.write(50, &[1]).await.unwrap_err();
         assert!(late.may_have_arrived(), "{late}");
@@ -73,7 +72,7 @@ pub fn not_even_while_it_is_owed() -> Result<(), Failed> {
     })
 }
 
-/// One register alone: no reply has another shape. Then the line is kept quiet for as long again.
+/// Only one register, so that all replies have the same shape. The line is then kept quiet for the same time again.
 pub fn not_where_nothing_tells_replies_apart() -> Result<(), Failed> {
     on_a_runtime(async {
         let mut server = Server::start(Framing::Rtu);

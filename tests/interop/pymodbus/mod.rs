@@ -1,6 +1,6 @@
-//! Against pymodbus (`tests/peers/pymodbus/install` puts it below the target directory; or
-//! `TRUED_PYMODBUS` names a python that has it). Without it the trials are skipped, with the reason;
-//! with `TRUED_REQUIRE_PEERS=1` they fail.
+//! Tests against pymodbus (`tests/peers/pymodbus/install` puts it below the target directory; or `TRUED_PYMODBUS`
+//! names a python that has it). Without it the trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1`
+//! they fail.
 
 mod faults;
 mod hazard;
@@ -40,7 +40,7 @@ pub fn trials() -> Trials {
         sensor::spoilt,
         thermometer::checked,
     ])
-    // A share of the requests must be in time.
+    // A share of the requests must meet its timeout.
     .and(trials![Pool::Alone, 10;
         schedules::rtu,
         schedules::tcp,

@@ -15,7 +15,7 @@ const FULL_SCHEDULES: u64 = 150;
 const STEPS: u64 = 4;
 const PATIENCE: Duration = Duration::from_millis(40);
 
-/// Two of five requests meet one; the delays lie about the patience, and up to five times beyond.
+/// A fault for two of five requests; the delays are around the timeout, and up to five times longer.
 fn fault(draw: &mut impl Rng, framing: Framing) -> String {
     let faults =
         ["drop", "exception:6", "unit", "function", "address", "fewer", "more", "short", "double"];
@@ -30,10 +30,10 @@ fn fault(draw: &mut impl Rng, framing: Framing) -> String {
     }
 }
 
-/// What became of the writes, and how many requests were answered well.
+/// Results of the writes, and number of good answers.
 #[derive(Default)]
 struct Tally {
-    /// Each with whether it was confirmed (`Some`), and whether it may have arrived at all.
+    /// Value of each write, whether it was confirmed (`Some`), and whether it may have arrived.
     writes: Vec<(u16, Option<bool>)>,
     good: usize,
     bad: usize,
@@ -100,7 +100,7 @@ fn schedules(framing: Framing) -> Result<(), Failed> {
             tally.writes.len(),
             arrived.len()
         );
-        // Neither a link that always fails nor a server that never does would show anything.
+        // A link that always fails or a server that never fails would make the test meaningless.
         let share = |full: u64| (full * schedules / FULL_SCHEDULES) as usize;
         assert!(tally.good > share(100) && tally.bad > share(100));
         assert!(unknown > share(10) && arrived.len() > share(50));

@@ -1,5 +1,5 @@
-//! pymodbus as a displacement sensor: each measurement is taken once, what is missing is counted, and
-//! registers that stand are stale.
+//! pymodbus as a displacement sensor: each measurement is taken once, missing ones are counted, and registers that
+//! do not change are stale.
 
 use std::sync::Arc;
 
@@ -22,10 +22,10 @@ value = { register = 102, type = "i32", order = "cdab", scale_mm = 0.001 }
 status = [{ register = 100, bit = 1, means = "no-echo" }]
 "#;
 
-/// More than it measures before it stands.
+/// Larger than the measured distances before the registers stop changing.
 const RANGE_MM: [f64; 2] = [-100.0, 100.0];
 
-/// Where a machine file finds it.
+/// Address of the server as keys of a machine file.
 pub fn keys(server: &Server) -> String {
     match server.at() {
         Named::Serial { path, baud } => {
@@ -45,7 +45,7 @@ async fn driver(server: &Server) -> Registers {
     Registers::open(config, &sensor.unwrap(), clock, None).await.unwrap()
 }
 
-/// Each sample is the measurement that its place says, the places counted by what is missing.
+/// Checks that each sample has the measurement of its index; the index advances by the number of missing samples.
 fn place(samples: &[Sample], first: u32) -> u32 {
     let mut place = first;
     for sample in samples {
@@ -72,7 +72,7 @@ async fn measures(framing: Framing) -> Result<(), Failed> {
         let sample = driver.next().await?;
         match sample.flag {
             Flag::Stale if server.sensed() == COUNT => break,
-            // A server that has no processor for a while measures nothing, either.
+            // A server without processor time measures nothing, either.
             Flag::Stale => {}
             _ => samples.push(sample),
         }
@@ -95,8 +95,8 @@ pub fn rtu() -> Result<(), Failed> {
     on_a_runtime(measures(Framing::Rtu))
 }
 
-/// A reply that is late, cut or of another unit is a stale sample; the next is the sensor's own again. A
-/// sensor whose registers are not there is refused.
+/// A reply that is late, cut or of another unit is a stale sample; the next sample is valid again. A sensor without
+/// its registers is refused.
 pub fn spoilt() -> Result<(), Failed> {
     on_a_runtime(async {
         let mut server = Server::start(Framing::Rtu);

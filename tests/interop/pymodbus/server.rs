@@ -1,4 +1,4 @@
-//! A pymodbus server in a process of its own, and our link to it.
+//! A pymodbus server in a separate process, and our link to it.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -18,7 +18,7 @@ pub struct Server {
     stdin: ChildStdin,
     stdout: BufReader<ChildStdout>,
     at: Named,
-    /// Joins two pseudo-terminals: each side opens a path of its own.
+    /// Joins two pseudo-terminals: each side opens its own path.
     bridge: Option<tokio::task::JoinHandle<()>>,
 }
 
@@ -77,7 +77,7 @@ impl Server {
         self.answer()
     }
 
-    /// What its registers hold from now on.
+    /// Sets the content of the registers.
     pub fn value(&mut self, value: u16) {
         assert_eq!(self.tell(&format!("value {value}")), "true");
     }
@@ -90,12 +90,12 @@ impl Server {
         serde_json::from_str(&self.tell("writes")).unwrap()
     }
 
-    /// Measure `count` times, once each `ms`.
+    /// Takes `count` measurements, one every `ms`.
     pub fn sense(&mut self, ms: f64, count: u32) {
         assert_eq!(self.tell(&format!("sense {ms} {count}")), "true");
     }
 
-    /// How often it has measured.
+    /// Number of measurements so far.
     pub fn sensed(&mut self) -> u32 {
         self.tell("sensed").parse().unwrap()
     }
@@ -133,7 +133,7 @@ impl Drop for Server {
     }
 }
 
-/// Run a trial on a runtime of its own; the bridge needs a thread while the trial talks to the server.
+/// Runs a trial on a separate runtime; the bridge needs a thread while the trial talks to the server.
 pub fn on_a_runtime<T>(trial: impl Future<Output = T>) -> T {
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();

@@ -1,5 +1,5 @@
-//! pymodbus as a thermometer beside a run: what its register holds stands in the readings; what is away,
-//! silent or nonsense stands nowhere, and the run goes on.
+//! pymodbus as a thermometer during a run: the readings contain the value of its register; a missing, silent or
+//! invalid thermometer adds no value, and the run continues.
 
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
@@ -17,7 +17,7 @@ use super::server::{Server, on_a_runtime};
 const MACHINE: &str = include_str!("../../../config/simulated.toml");
 const STALE_S: f64 = 3.0;
 
-/// The built-in machine with a thermometer that is reached there: tenths of a degree above -5 °C.
+/// The built-in machine with a thermometer at this server: tenths of a degree above -5 °C.
 fn machine(server: &Server) -> MachineFile {
     let at = super::sensor::keys(server);
     let text = format!(
@@ -28,7 +28,7 @@ fn machine(server: &Server) -> MachineFile {
     MachineFile::parse("machine.toml", text).unwrap()
 }
 
-/// A run on the simulated machine; `with` is told of each reading before the next touch.
+/// A run on the simulated machine; `with` is called with the number of each reading before the next touch.
 async fn run(
     file: &MachineFile,
     mut with: impl FnMut(usize),
@@ -67,7 +67,7 @@ fn bed(reading: &Reading) -> Option<f64> {
     reading.temperatures_c.get("bed")
 }
 
-/// What it is asked comes at a pace of its own: so long, and all of it has come.
+/// Waits until the independently polled thermometer has a new value or is stale.
 fn wait() {
     std::thread::sleep(Duration::from_secs_f64(1.5 * STALE_S));
 }
@@ -104,7 +104,7 @@ pub fn rtu() -> Result<(), Failed> {
     on_a_runtime(carried(Framing::Rtu))
 }
 
-/// Silent, nonsense, and well again: told once, and no reading has what was true before.
+/// Silent, invalid, and valid again: reported once, and no reading has an outdated value.
 pub fn away() -> Result<(), Failed> {
     on_a_runtime(async {
         let mut server = Server::start(Framing::Tcp);
@@ -145,7 +145,7 @@ pub fn away() -> Result<(), Failed> {
     })
 }
 
-/// One that never answers holds up no touch: the readings are those of a run without it.
+/// A thermometer that never answers delays no touch: the readings equal those of a run without it.
 pub fn none() -> Result<(), Failed> {
     on_a_runtime(async {
         let mut server = Server::start(Framing::Tcp);
@@ -165,7 +165,7 @@ pub fn none() -> Result<(), Failed> {
     })
 }
 
-/// What `trued check` finds at a register of pymodbus.
+/// Result of `trued check` for a register of pymodbus.
 pub fn checked() -> Result<(), Failed> {
     on_a_runtime(async {
         let mut server = Server::start(Framing::Tcp);

@@ -1,5 +1,5 @@
-//! The simulated control behind the line window, driven by somebody else's program: `window.py`, which
-//! knows docs/line-window.md and speaks by pymodbus.
+//! The simulated control behind the line window, driven by an independent program: `window.py`, which implements
+//! docs/line-window.md with pymodbus.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
@@ -54,7 +54,7 @@ impl Simulator {
         Ok(Self { child, folder, wire, at })
     }
 
-    /// The lines that `trial` prints, without the last, which says that all was as documented.
+    /// The lines that `trial` prints, without the last one, which confirms the documented behaviour.
     fn plays(&self, trial: &str, input: &str) -> Result<Vec<String>, Failed> {
         let mut client = Command::new(python().ok_or("no python")?)
             .arg(script("window.py"))
@@ -78,7 +78,7 @@ impl Simulator {
     }
 }
 
-/// Two touches; over the world itself the same motions without any control.
+/// Two touches, compared with the same motions on the world itself without a control.
 pub fn lines() -> Result<(), Failed> {
     const LINES: &str = "G21 G90 G94\nG53 G0 X50.5\nG53 G0 Z235\nN7 G38.3 Z170 F3000\n\
                          N7 G38.3 X40 F60\nG53 G1 X50.5 F300\nG53 G0 Z235\nG53 G0 X0\n\
@@ -103,7 +103,7 @@ pub fn lines() -> Result<(), Failed> {
         let latches = [0, 0, 0, 0, 1, 1, 1, 1, 2, 2];
         let counted: Vec<_> = told.iter().map(|status| status["latches"].clone()).collect();
         assert_eq!(counted, latches, "{wire}");
-        // In contact where it touched, free before and after.
+        // In contact at the touches, free before and after.
         let closed: Vec<_> = told.iter().map(|status| status["probe"] == 1).collect();
         assert_eq!(closed.iter().filter(|closed| **closed).count(), 2, "{wire}: {closed:?}");
         assert!(closed[4] && closed[8], "{wire}: {closed:?}");

@@ -1,4 +1,4 @@
-//! Numbers in registers, as pymodbus lays them.
+//! Numbers in registers, in the encoding of pymodbus.
 
 use std::collections::BTreeMap;
 use std::process::Command;

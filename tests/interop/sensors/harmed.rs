@@ -1,5 +1,4 @@
-//! Samples that are skipped, cut short, spoilt, late, in bursts: what the driver counts is what the script
-//! says.
+//! Samples that are skipped, truncated, corrupted, late or in bursts: the driver's counts agree with the script.
 
 use devices::sensors::{Driver, Sample};
 use libtest_mimic::Failed;
@@ -8,11 +7,11 @@ use machine::record::reading::Flag;
 use super::on_a_runtime;
 use super::peer::{FRAMES, Peer, TEXT};
 
-/// Counter and micrometres of all that was sent whole; skipped and spoilt.
+/// Counter and micrometres of all samples sent completely; numbers of skipped and corrupted samples.
 type Sent = (Vec<(u64, Option<i64>)>, (u64, u64));
 
 const COUNT: usize = 3000;
-/// So much silence ends a trial; the script's own is shorter.
+/// Number of silent periods that ends a trial; the script's own silence is shorter.
 const SILENT: usize = 10;
 
 fn um(sample: &Sample) -> Option<i64> {
@@ -24,7 +23,7 @@ async fn counted(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
     let mut driver = peer.driver(keys).await;
     driver.prepare().await?;
     let _: u64 = peer.tell("quiet").await;
-    // What it sent before is read, and forgotten.
+    // Samples sent earlier are read and discarded.
     tokio::time::sleep(std::time::Duration::from_millis(200)).await;
     driver.forget().await?;
 
@@ -35,7 +34,7 @@ async fn counted(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
     let stale = samples.iter().filter(|sample| sample.flag == Flag::Stale).count() - SILENT;
     assert!(stale > 0, "seed {seed} has no silence");
     let samples: Vec<_> = samples.into_iter().filter(|sample| sample.flag != Flag::Stale).collect();
-    // The first line may have begun before it was listened to.
+    // The first line may have begun before the driver listened.
     let first = whole.len() - samples.len();
     assert!(first <= 1, "{} of {} came", samples.len(), whole.len());
     let came: Vec<_> = samples.iter().map(um).collect();
@@ -46,7 +45,7 @@ async fn counted(form: &str, keys: &str, seed: u64) -> Result<(), Failed> {
 
     let missing: u64 = samples.iter().map(|sample| u64::from(sample.missing)).sum();
     assert!(skipped > 50 && spoilt > 50, "{skipped} {spoilt}");
-    // What was harmed before the first that came whole is not told.
+    // Faults before the first complete sample are not counted.
     let round = if form == "text" { 1000 } else { 65_536 };
     let before = (whole[first].0 + round - whole[0].0) % round - first as u64;
     assert_eq!(missing + before, skipped + spoilt);
@@ -94,7 +93,7 @@ pub fn asked() -> Result<(), Failed> {
         for _ in 0..500 {
             let sample = driver.next().await?;
             assert_eq!((sample.flag, sample.missing), (Flag::None, 0));
-            // As the script's `um` has it.
+            // The sequence of the script's `um`.
             let next = (last + 8000 + 37) % 16_001 - 8000;
             assert_eq!(um(&sample), Some(next));
             last = next;

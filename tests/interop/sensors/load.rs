@@ -1,5 +1,5 @@
-//! A thousand samples a second while every core computes: none is lost by the program. What the script
-//! itself is late with comes in a burst, and counts.
+//! A thousand samples a second while every core computes: the program loses none. Samples that the script sends
+//! late come in a burst, and count.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -80,7 +80,7 @@ fn nothing_is_lost(seconds: u32) -> Result<(), Failed> {
         let stale = samples.iter().filter(|sample| sample.flag == Flag::Stale).count();
         let missing: u32 = samples.iter().map(|sample| sample.missing).sum();
         println!("{sent} sent in {seconds} s, {good} taken, {missing} missing, {stale} silences");
-        // The first line may have begun before it was listened to. A silence is the script's.
+        // The first line may have begun before the driver listened. A silence is the script's.
         assert_eq!((good, missing), (sent as usize - 1, 0));
         assert_eq!(good + stale, samples.len());
         Ok(())

@@ -1,5 +1,5 @@
-//! Thirty minutes of samples at a thousand a second (three in the gate), as fast as they are asked for: memory
-//! stays as it was.
+//! Thirty minutes of samples at a thousand a second (three in the gate), as fast as they are requested: memory use
+//! does not grow.
 
 use std::sync::Arc;
 
@@ -13,11 +13,11 @@ use testing::population::population;
 
 use super::peer::sensor;
 
-/// At each dwell point.
+/// Number of samples at each dwell point.
 const SAMPLES: u32 = 100;
 const FULL_POINTS: u64 = 18_000;
-/// Samples that were kept would be ten times that: a sample has 32 bytes, and nine tenths of them come after
-/// the first look.
+/// A leak of all samples would be ten times this limit: a sample has 32 bytes, and nine tenths of them come after
+/// the first check of the memory.
 fn bound_kb(points: u64) -> u64 {
     points * u64::from(SAMPLES) * 32 * 9 / 10 / 1024 / 10
 }

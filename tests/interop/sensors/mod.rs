@@ -1,6 +1,6 @@
-//! Sensors on a serial line against a script that knows nothing of ours (`tests/peers/sensor/sender.py`,
-//! python3 on a pseudo-terminal). Without python3 the trials are skipped, with the reason; with
-//! `TRUED_REQUIRE_PEERS=1` they fail.
+//! Sensors on a serial line, simulated by an independent script (`tests/peers/sensor/sender.py`, python3 on a
+//! pseudo-terminal). Without python3 the trials are skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` they
+//! fail.
 
 mod harmed;
 mod load;
@@ -9,7 +9,7 @@ mod peer;
 
 use crate::support::harness::{Pool, Trials, is_command, trials};
 
-/// Run a trial on a runtime of its own.
+/// Runs a trial on a separate runtime.
 fn on_a_runtime<T>(trial: impl Future<Output = T>) -> T {
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap();

@@ -1,4 +1,4 @@
-//! The sensor that is a script, in a process of its own, and our driver for it.
+//! The script that acts as the sensor, in a separate process, and our driver for it.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -66,7 +66,7 @@ impl Peer {
         self.waiting(0.3, keys).await
     }
 
-    /// However slow it is.
+    /// The driver with a timeout of 30 s.
     pub async fn patient(&self, keys: &str) -> Serial {
         self.waiting(30.0, keys).await
     }
@@ -78,7 +78,7 @@ impl Peer {
         Serial::open(config, &sensor(), clock, SharedPorts::default()).await.unwrap()
     }
 
-    /// The answer to a command comes when it is done.
+    /// Sends a command and waits for its answer, which comes when it is done.
     pub async fn tell<T: DeserializeOwned>(&mut self, command: &str) -> T {
         writeln!(self.stdin, "{command}").unwrap();
         let mut stdout = self.stdout.take().unwrap();

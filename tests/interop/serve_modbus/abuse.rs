@@ -1,4 +1,4 @@
-//! Whoever speaks badly, or too much, or not at all.
+//! Clients that send malformed requests, too many requests, or none.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpStream};
@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::modbus_client::{ModbusClient, RUN, STATE};
 use crate::support::machine_shop::{MODBUS, MachineShop};
 
-/// Read all input registers, as fast as it goes.
+/// Reads all input registers as fast as possible.
 fn flood(mut stream: TcpStream, end: &AtomicBool, answers: &AtomicU32) {
     stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
     let mut answer = [0; 9 + 2 * 120];
@@ -49,7 +49,7 @@ pub fn of_all_kinds() {
             std::thread::spawn(move || flood(stream, &end, &answers))
         })
         .collect();
-    // Lines that nobody speaks on, begun requests, noise: more than there are places.
+    // Silent connections, incomplete requests, noise: more than there are connection slots.
     let address = SocketAddr::from(([127, 0, 0, 1], daemon.modbus_port()));
     let silent: Vec<TcpStream> = (0..30)
         .map(|number: u8| {
@@ -78,7 +78,7 @@ pub fn of_all_kinds() {
     }
 }
 
-/// What pymodbus would not send: the answer's function and exception code.
+/// Requests that pymodbus would not send, and the answer's function and exception code.
 fn raw(port: u16) {
     let cases: [(&[u8], u8); 4] =
         [(&[4, 0, 0, 0, 0], 3), (&[4, 0, 0, 0, 126], 3), (&[0x55, 1, 2], 1), (&[1, 0, 0, 0, 0], 3)];
@@ -92,8 +92,8 @@ fn raw(port: u16) {
         stream.read_exact(&mut answer).unwrap();
         assert_eq!(answer[7..], [pdu[0] | 0x80, code], "{pdu:?}");
     }
-    // More coils than bytes for them, whole or in pieces, more registers, a coil that is neither on nor
-    // off: let go, without a word in the log.
+    // More coils than bytes for them, at once or in pieces, more registers than bytes, a coil value that is neither
+    // on nor off: the connection is closed without a log entry.
     let coils: &[u8] = &[0, 7, 0, 0, 0, 8, 1, 15, 0, 0, 0, 9, 1, 7];
     let registers: &[u8] = &[0, 7, 0, 0, 0, 9, 1, 16, 0, 0, 0, 2, 2, 0, 1];
     let half: &[u8] = &[0, 7, 0, 0, 0, 6, 1, 5, 0, 0, 0x12, 0];
@@ -101,11 +101,11 @@ fn raw(port: u16) {
         let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
         stream.set_nodelay(true).unwrap();
         stream.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
-        // One before it that is as it should be.
+        // A valid request comes first.
         stream.write_all(&[0, 6, 0, 0, 0, 8, 1, 15, 0, 0, 0, 8, 1, 0]).unwrap();
         stream.read_exact(&mut [0; 12]).unwrap();
         for piece in spoilt.chunks(pieces) {
-            // It may be gone before the last.
+            // The connection may be closed before the last piece.
             let _ = stream.write_all(piece);
         }
         assert!(!matches!(stream.read(&mut [0; 12]), Ok(1..)));
@@ -125,9 +125,8 @@ pub fn strangers() {
     assert!(daemon.log().contains("127.0.0.1 may not connect"));
 }
 
-/// A control that was switched off again and again: as many connections as there are places, each with
-/// its last request answered, none closed. The next one gets a place all the same, and who goes on
-/// asking keeps his.
+/// A control that was switched off repeatedly: all connection slots are used, each with its last request answered,
+/// none closed. The next connection still gets a slot, and an active client keeps its slot.
 pub fn left_behind() {
     let shop = MachineShop::with_serve(MODBUS);
     let daemon = shop.serve("fast");
@@ -141,7 +140,7 @@ pub fn left_behind() {
             stream
         })
         .collect();
-    // All are fresh: no place.
+    // All connections are recent: no slot is free.
     assert_eq!(busy.status()[STATE], 1);
     let mut early = TcpStream::connect(("127.0.0.1", daemon.modbus_port())).unwrap();
     early.set_read_timeout(Some(Duration::from_secs(60))).unwrap();

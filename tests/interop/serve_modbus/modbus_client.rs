@@ -1,4 +1,4 @@
-//! pymodbus at the other end.
+//! pymodbus as the Modbus client.
 
 use crate::support::pymodbus::python;
 use std::io::{BufRead, BufReader, Write};
@@ -6,7 +6,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// Where to find what; written down here once more, from docs/modbus.md.
+/// Register addresses, written here independently, from docs/modbus.md.
 pub const STATE: usize = 1;
 pub const PROGRESS: usize = 2;
 pub const VERDICT: usize = 3;
@@ -69,7 +69,7 @@ impl ModbusClient {
         numbers.unwrap_or_else(|_| panic!("{request}: {said}"))
     }
 
-    /// The first registers; the control lives.
+    /// Reads the first registers and updates the heartbeat.
     pub fn status(&mut self) -> Vec<u16> {
         self.beat = self.beat.wrapping_add(1);
         let beat = self.beat;
@@ -77,7 +77,7 @@ impl ModbusClient {
         self.numbers("input 0 16")
     }
 
-    /// Wait; all that was seen on the way.
+    /// Waits until the registers satisfy `right`; returns all values that were read.
     pub fn until(&mut self, right: impl Fn(&[u16]) -> bool) -> Vec<Vec<u16>> {
         let (started, mut seen) = (Instant::now(), Vec::new());
         loop {
@@ -90,7 +90,8 @@ impl ModbusClient {
         }
     }
 
-    /// Key, automatic mode and door as they should be, no button pressed, and alive.
+    /// Sets key, automatic mode and door to their enabling states, with no button pressed, and updates the
+    /// heartbeat.
     pub fn enable(&mut self) {
         assert_eq!(self.ask("coils 0 1 1 1 0 0"), "ok");
         assert_eq!(self.ask("coils 11 0 0 0 0 0 0 0 0"), "ok");
@@ -98,14 +99,14 @@ impl ModbusClient {
         sleep(Duration::from_millis(60));
     }
 
-    /// Press a button and let it go.
+    /// Presses and releases a button.
     pub fn press(&mut self, coil: u16) {
         assert_eq!(self.ask(&format!("coil {coil} 1")), "ok");
         assert_eq!(self.ask(&format!("coil {coil} 0")), "ok");
         sleep(Duration::from_millis(60));
     }
 
-    /// Press a start that must be refused; why.
+    /// Presses a start that must be refused; returns the reason.
     pub fn refused(&mut self, coil: u16) -> u16 {
         let before = self.status();
         self.press(coil);

@@ -8,12 +8,12 @@ use serde_json::Value;
 use super::modbus_client::{ACCEPTED, ModbusClient, PROGRESS, REFUSAL, RUN, STATE, VERDICT};
 use crate::support::machine_shop::{MODBUS, MachineShop};
 
-/// As `trued show` has it.
+/// Output of `trued show`.
 fn stored(shop: &MachineShop, run: u16) -> Value {
     shop.json(&["show", &run.to_string(), "--json"])
 }
 
-/// `parameters` somewhere in it.
+/// Finds `parameters` anywhere in the value.
 fn parameters(value: &Value) -> Option<&Vec<Value>> {
     match value {
         Value::Object(map) => match map.get("parameters") {
@@ -35,7 +35,7 @@ pub fn a_cycle() {
     assert_eq!(client.ask("coil 11 1"), "ok");
     let started = client.status();
     assert_eq!((started[STATE], started[ACCEPTED]), (2, 1), "{started:?}");
-    // Let go and pressed again, while the run is on.
+    // Released and pressed again while the run is active.
     client.press(11);
     assert_eq!(client.refused(11), 1);
     assert_eq!(client.ask("coil 11 1"), "ok");
@@ -49,7 +49,7 @@ pub fn a_cycle() {
     assert_eq!(client.status()[ACCEPTED], 1);
     assert_eq!(shop.states(), ["finished"]);
     deviations(&mut client, &shop);
-    // Once more.
+    // A second cycle.
     client.enable();
     client.press(11);
     client.until(|status| status[STATE] == 1 && status[RUN] == 2);
@@ -58,7 +58,7 @@ pub fn a_cycle() {
     assert_eq!(shop.states(), ["finished", "finished"]);
 }
 
-/// What the registers say is what the journal holds.
+/// Checks that the registers contain the values of the journal.
 fn deviations(client: &mut ModbusClient, shop: &MachineShop) {
     let run = stored(shop, 1);
     let parameters = parameters(&run).expect("parameters");
@@ -100,7 +100,7 @@ pub fn refusals() {
     assert_eq!(client.ask("coils 11 0 0"), "ok");
     client.press(4);
     assert_eq!(client.status()[REFUSAL], 15, "nothing to acknowledge");
-    // Nothing has begun until now.
+    // No run has begun so far.
     assert_eq!(client.status()[ACCEPTED], 0);
     client.press(11);
     client.until(|status| status[STATE] == 1 && status[RUN] == 1);
@@ -117,21 +117,21 @@ pub fn stale() {
     let mut client = ModbusClient::new(daemon.modbus_port());
     client.enable();
     sleep(Duration::from_millis(1100));
-    // The beat that comes with the press is the first after a pause.
+    // The heartbeat with the press is the first one after a pause.
     assert_eq!(client.ask("coil 11 1"), "ok");
     let status = client.numbers("input 0 16");
     assert_eq!((status[ACCEPTED], status[REFUSAL], status[10]), (0, 8, 0), "{status:?}");
-    // Alive again; the coil that rose meanwhile starts nothing.
+    // The heartbeat is back; a coil that rose meanwhile starts nothing.
     client.until(|status| status[10] == 0b1111);
     sleep(Duration::from_millis(100));
     assert_eq!(client.status()[ACCEPTED], 0);
-    // The heartbeat goes on at two a second and more.
+    // The heartbeat continues at two counts per second or more.
     let beat = client.status()[0];
     sleep(Duration::from_millis(1000));
     assert!(client.status()[0].wrapping_sub(beat) >= 2);
 }
 
-/// Each run in a file of its own, from which it can be replayed.
+/// Each run is captured in a separate file, from which it can be replayed.
 pub fn captures() {
     let shop = MachineShop::with_serve(MODBUS);
     let daemon = shop.serve_with(&["--capture", &shop.file("talk.capture")]);

@@ -1,4 +1,4 @@
-//! A run that is stopped holds, and so does the service, until somebody has been there.
+//! A run that is stopped is held, and the service starts no other until an operator has acknowledged.
 
 use std::io::{BufRead, BufReader};
 use std::process::Stdio;
@@ -8,14 +8,14 @@ use std::time::Duration;
 use super::modbus_client::{ACCEPTED, ModbusClient, PROGRESS, REFUSAL, RUN, STATE};
 use crate::support::machine_shop::{MODBUS, MachineShop};
 
-/// As few touches as the method takes.
+/// The minimum number of touches of the method.
 fn short() -> MachineShop {
     let shop = MachineShop::with_serve(MODBUS);
     shop.change("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5");
     shop
 }
 
-/// Well under way, on a machine that takes its time.
+/// Starts a run and waits until it is well advanced, on a machine in real time.
 fn under_way(client: &mut ModbusClient) {
     client.enable();
     client.press(11);
@@ -32,7 +32,7 @@ pub fn by_a_coil() {
     assert_eq!(shop.states(), ["held"]);
     assert_eq!(client.ask("coil 3 0"), "ok");
     assert_eq!(client.refused(11), 2);
-    // The machine is free for a person, who is not told that a daemon has it.
+    // The machine is released for the operator, and `resume` does not report that a daemon uses it.
     let resumed = shop.trued(&["resume", "1"]);
     let told = String::from_utf8_lossy(&resumed.stderr).into_owned();
     assert!(told.contains("nobody has acknowledged"), "{told}");
@@ -54,7 +54,7 @@ pub fn by_sigterm() {
     drop(client);
     assert_eq!(daemon.terminate(), 5);
     assert_eq!(shop.states(), ["held"]);
-    // The next one waits for a person.
+    // The next run waits for an acknowledgement.
     let daemon = shop.serve("fast");
     let mut client = ModbusClient::new(daemon.modbus_port());
     client.enable();
@@ -64,7 +64,7 @@ pub fn by_sigterm() {
     client.until(|status| status[STATE] == 1);
     drop(client);
     assert_eq!(daemon.terminate(), 0);
-    // Acknowledged is acknowledged; killed is not.
+    // An acknowledgement remains valid; a kill needs a new one.
     let mut daemon = shop.serve("real");
     let mut client = ModbusClient::new(daemon.modbus_port());
     assert_eq!(client.status()[STATE], 1);
@@ -75,14 +75,14 @@ pub fn by_sigterm() {
     assert_eq!((client.status()[STATE], client.status()[REFUSAL]), (3, 0));
 }
 
-/// With this fault at the simulated control.
+/// A machine with this fault at the simulated control.
 fn faulty(fault: &str) -> MachineShop {
     let shop = short();
     shop.change("[serve]", &format!("[[simulated.fault]]\n{fault}\n[serve]"));
     shop
 }
 
-/// Refused before anything moved: nothing of it is unfinished, but somebody must have seen it.
+/// Refused before any motion: there is no unfinished run, but an operator must acknowledge.
 pub fn by_a_fault() {
     let shop = faulty("kind = \"probe-stuck\"");
     let daemon = shop.serve("fast");
@@ -97,7 +97,7 @@ pub fn by_a_fault() {
     assert!(daemon.log().contains("the probe reads closed"));
 }
 
-/// The control restarts on the way: a button cannot say that the axes were homed.
+/// The control restarts during the run: a button cannot confirm that the axes were homed.
 pub fn position_lost() {
     let shop = faulty("kind = \"reset\"\nafter_touch = 3");
     let daemon = shop.serve("fast");
@@ -111,7 +111,7 @@ pub fn position_lost() {
     assert_eq!(client.refused(11), 2);
 }
 
-/// While a person measures by hand, the button at the machine gets it for nobody.
+/// While an operator runs the program directly, the button at the machine is refused.
 pub fn elsewhere() {
     let shop = short();
     let daemon = shop.serve("real");
@@ -123,7 +123,7 @@ pub fn elsewhere() {
     let mut run =
         shop.command(&["run", "self-calibration", "--machine", &machine, "--speed", "real"]);
     let mut run = run.stderr(Stdio::piped()).spawn().unwrap();
-    // Its first word comes when it has the machine.
+    // The run prints its first line when it has locked the machine.
     let mut told = BufReader::new(run.stderr.take().unwrap());
     assert!(told.read_line(&mut String::new()).unwrap() > 0);
     client.press(4);
@@ -133,7 +133,7 @@ pub fn elsewhere() {
     run.wait().unwrap();
 }
 
-/// Whatever it was about to do: opening, preparing, proving; and when it has begun.
+/// A stop at any phase: opening, preparing, proving; and during the run.
 pub fn at_once() {
     for ms in [Some(0), Some(30), None] {
         let shop = short();
@@ -148,7 +148,7 @@ pub fn at_once() {
         drop(client);
         let log = daemon.log.clone();
         let ended = (daemon.terminate(), shop.states());
-        // Before the run began there is nothing to hold.
+        // Before the run has begun there is nothing to hold.
         let none = ms.is_some() && ended == (0, Vec::new());
         let held = ended == (5, vec!["held".to_owned()]);
         assert!(none || held, "after {ms:?} ms: {ended:?}: {}", log.lock().unwrap());

@@ -1,6 +1,5 @@
-//! The program itself on a CAN bus of a real kernel, in a virtual machine (`tests/peers/socketcan/`),
-//! beside can-utils. Without the machine the trial is skipped, with the reason; with
-//! `TRUED_REQUIRE_PEERS=1` it fails.
+//! The program itself on a CAN bus of a real kernel, in a virtual machine (`tests/peers/socketcan/`), together with
+//! can-utils. Without the machine the trial is skipped, with the reason; with `TRUED_REQUIRE_PEERS=1` it fails.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -19,7 +18,7 @@ const SCENES: &str = include_str!("scenes");
 const WITHOUT: &str = include_str!("without");
 
 const FRAMES: i64 = 10_000;
-/// At these frames the counter goes on by so much more than one.
+/// Frames at which the counter skips, and the number of skipped counts.
 const LEFT_OUT: [(i64, i64); 3] = [(1000, 3), (5000, 1), (9000, 200)];
 
 const NO_CAN: &str = "this computer's kernel has no CAN";
@@ -31,7 +30,7 @@ fn cache() -> Option<PathBuf> {
     cache.join("complete").exists().then_some(cache)
 }
 
-/// A machine file whose laser is reached so.
+/// A machine file whose laser has these connection keys.
 fn machine(reached: &str) -> String {
     format!(
         "{MACHINE}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\n\
@@ -39,7 +38,7 @@ fn machine(reached: &str) -> String {
     )
 }
 
-/// 24 bits, two's complement, 10 nm a count; a counter of 16 bits before it and a status behind it.
+/// 24 bits, two's complement, 10 nm per count; a counter of 16 bits before the value and a status after it.
 fn on(interface: &str, timeout_s: f64) -> String {
     machine(&format!(
         "[sensor.can]\ninterface = \"{interface}\"\nid = 0x181\ntimeout_s = {timeout_s:?}\n\
@@ -50,8 +49,8 @@ fn on(interface: &str, timeout_s: f64) -> String {
     ))
 }
 
-/// The built-in machine of the laser R-test, its sensor on the guest's interface; few poses and points,
-/// as the guest is slow.
+/// The built-in machine of the laser R-test, its sensor on the guest's interface; few poses and points, because the
+/// guest is slow.
 fn scanning() -> String {
     let memory = "speaks = \"can\"\nwire = \"memory\"\n";
     assert!(LASER.contains(memory));
@@ -60,7 +59,7 @@ fn scanning() -> String {
             points = 7\nsamples = 5\nmonte_carlo_trials = 100\n"
 }
 
-/// On this computer, whatever its kernel: refused, with what to do.
+/// On the host, whatever its kernel: refused, with advice.
 fn not_here() -> Result<(), Failed> {
     let folder = tempfile::tempdir()?;
     let file = folder.path().join("machine.toml");
@@ -81,8 +80,8 @@ fn not_here() -> Result<(), Failed> {
     Ok(())
 }
 
-/// A log as candump writes it: `count` frames, so many milliseconds apart, from the least to the greatest of
-/// 24 bits.
+/// A log in candump's format: `count` frames at a distance of `apart` milliseconds, from the smallest to the
+/// largest value of 24 bits.
 fn log(apart: i64, count: i64, first_count: i64, left_out: &[(i64, i64)]) -> String {
     let mut text = String::new();
     for frame in 0..count {
@@ -183,7 +182,7 @@ fn judge(said: &Said, told: &str) -> Result<(), String> {
             }
         }
     }
-    // Paper 2, Table 5, as the simulated machine has it; what a few poses can say of it.
+    // Paper 2, Table 5, as in the simulated machine; the tolerances are those of a few poses.
     for (symbol, truth, limit) in [("EB0B", -42.0, 12.0), ("EX0C", -1.0, 1.5), ("EA0C", 5.2, 12.0)]
     {
         let came: Option<f64> = said.get(&format!("run.{symbol}")).and_then(|v| v.parse().ok());
@@ -197,7 +196,7 @@ fn judge(said: &Said, told: &str) -> Result<(), String> {
     }
 }
 
-/// What has to come up; `trued check` says what begins with the name of a scene.
+/// Expected messages; output of `trued check` begins with the name of a scene.
 const WORDS: [&str; 11] = [
     "there is no CAN interface `can7`; there are: vcan0",
     "`lo` is no CAN interface; there are: vcan0",

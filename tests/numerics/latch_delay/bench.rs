@@ -1,4 +1,4 @@
-//! The built-in machine, changed, and what is measured on it.
+//! The built-in machine, changed, and measurements on it.
 
 use machine::record::estimate::{Estimate, Parameter};
 use machine::record::plan::Plan;
@@ -23,7 +23,7 @@ impl World {
         Self(include_str!("../../../config/samba.toml").parse().unwrap())
     }
 
-    /// `path`: keys with dots between; tables that are missing are made.
+    /// Sets the value at `path`, keys joined by dots; missing tables are created.
     pub fn with(mut self, path: &str, value: impl Into<Value>) -> Self {
         set(&mut self.0, path, value.into());
         self
@@ -42,7 +42,7 @@ impl World {
         setup::header(&self.file(1), "latch-delay", None).unwrap()
     }
 
-    /// Plan and readings of somebody who plays the plan on the world itself.
+    /// Plan and readings when the plan is played on the world itself.
     pub fn played(&self, seed: u64) -> (Plan, Vec<Reading>) {
         let file = self.file(seed);
         let (method, header) = setup::header(&file, "latch-delay", None).unwrap();
@@ -66,7 +66,7 @@ pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
     found.unwrap_or_else(|| panic!("no {symbol}"))
 }
 
-/// Whether the parameter's interval holds the truth.
+/// Whether the parameter's interval contains the true value.
 pub fn covers(estimate: &Estimate, symbol: &str, truth: f64) -> bool {
     let parameter = parameter(estimate, symbol);
     (parameter.value - truth).abs() <= parameter.expanded

@@ -1,4 +1,4 @@
-//! Whether what is stated is true, as often as stated.
+//! Coverage of the stated intervals, and frequency of the alarms.
 
 use machine::record::estimate::Estimate;
 use rayon::prelude::*;
@@ -12,12 +12,12 @@ fn estimates(world: &World, seeds: u64) -> Vec<Estimate> {
     (0..seeds).into_par_iter().map(|seed| world.estimate(1000 + seed)).collect()
 }
 
-/// Not more of `all`, where each is so with `probability`: exceeded once in 1000 times.
+/// Upper bound of the number of events among `all`, each with `probability`; exceeded once in 1000 times.
 fn at_most(probability: f64, all: u64) -> u64 {
     Binomial::new(probability, all).unwrap().inverse_cdf(0.999)
 }
 
-/// Share of the estimates whose interval holds the truth.
+/// Share of the estimates whose interval contains the true value.
 fn covered(estimates: &[Estimate], symbol: &str, truth: f64) -> f64 {
     let hits = estimates.iter().filter(|estimate| covers(estimate, symbol, truth)).count();
     hits as f64 / estimates.len() as f64
@@ -27,7 +27,7 @@ fn is_scan(estimate: &&Estimate) -> bool {
     parameter(estimate, "T_scan").identifiable
 }
 
-/// Display steps of 1 µm, drift, a part that stands off: as built in.
+/// Display steps of 1 µm, drift, and an offset part, as in the built-in machine.
 #[test]
 fn a_sound_machine_has_no_delay_and_raises_the_alarm_as_often_as_stated() {
     let (seeds, shares) = coverage_population();
@@ -56,7 +56,7 @@ fn a_constant_delay_is_found_within_its_uncertainty_and_is_no_scan() {
     assert!(estimates.iter().all(|e| says(&e.warnings, "ms late")));
 }
 
-/// Where the display hides the scatter, its step must be in the uncertainty.
+/// If the display step hides the scatter, the step must be in the uncertainty.
 #[test]
 fn steps_of_the_display_larger_than_the_scatter_are_in_the_uncertainty() {
     let (seeds, shares) = coverage_population();
@@ -74,7 +74,7 @@ fn steps_of_the_display_larger_than_the_scatter_are_in_the_uncertainty() {
     assert!(delay >= *shares.start(), "{delay}");
 }
 
-/// The scan of a common PLC, at 300 mm/min: seen every time, by its length and its mean.
+/// The scan of a common PLC, at 300 mm/min: detected every time, with its period and its mean delay.
 #[test]
 fn a_scan_is_always_seen_and_its_time_found_within_its_uncertainty() {
     let (seeds, shares) = coverage_population();
@@ -84,15 +84,15 @@ fn a_scan_is_always_seen_and_its_time_found_within_its_uncertainty() {
     assert!(estimates.iter().all(|e| says(&e.warnings, "as by a PLC's program")));
     let (scan, delay) = (covered(&estimates, "T_scan", 10.0), covered(&estimates, "t_latch", 6.0));
     assert!(shares.contains(&delay), "delay {delay}");
-    // A rectangular distribution has few surprises: the interval holds somewhat more often.
+    // For a rectangular distribution the interval covers slightly more often.
     assert!(scan >= *shares.start(), "scan {scan}");
-    // Its share of the slow touches' scatter is not the probe's.
+    // The part of the scan in the scatter of slow touches is not attributed to the probe.
     let too_good = |e: &&Estimate| says(&e.warnings, "repeatability_um");
     let doubted = estimates.iter().filter(too_good).count() as u64;
     assert!(doubted <= at_most(0.01, seeds), "{doubted}");
 }
 
-/// Drift along the touch of 4 µm in a minute is neither delay nor scatter.
+/// A drift along the touch of 4 µm in a minute is neither delay nor scatter.
 #[test]
 fn drift_is_taken_off() {
     let world = World::with_a_round_part().latched(1.0, 0.0).with("machine.drift_um_per_h", 240.0);
@@ -112,7 +112,7 @@ fn balls_and_other_directions_serve_as_well() {
         World::with_balls().with("method.latch-delay.direction_deg", 45.0),
         World::with_a_round_part().with("method.latch-delay.direction_deg", 217.0),
     ];
-    // A third of the seeds each: coverage is that of all together.
+    // A third of the seeds for each world: the coverage is that of all together.
     let each = seeds.div_ceil(3);
     let estimates: Vec<Estimate> =
         worlds.into_iter().flat_map(|world| estimates(&world.latched(2.0, 0.0), each)).collect();

@@ -1,5 +1,5 @@
-//! The method `latch-delay` against machines whose delay is part of their motion, not of any equation:
-//! the simulated world lets the axes go on for as long as nobody notices the contact.
+//! The method `latch-delay` on machines whose delay is part of their motion, not of an equation: in the simulated
+//! world the axes continue to move until the contact is latched.
 
 mod bench;
 mod coverage;

@@ -1,4 +1,4 @@
-//! Readings that a run does not write, or not often.
+//! Readings that a run never or rarely writes.
 
 use machine::record::plan::{Plan, StepKind};
 use machine::record::reading::{Flag, Reading};
@@ -20,7 +20,7 @@ fn refused(plan: &Plan, readings: &[Reading]) -> String {
     error.to_string()
 }
 
-/// The touches go along −X: farther is less.
+/// The touches are along −X: a later contact has a smaller X.
 fn shift(reading: &mut Reading, further_um: f64) {
     let x = reading.position.at(machine::Axis::X) - further_um * 1e-3;
     reading.position.set(machine::Axis::X, x);
@@ -36,7 +36,7 @@ fn readings_that_are_not_those_of_the_plan_are_refused() {
     let mut unknown = readings.clone();
     unknown[3].step = 99;
     assert!(matches!(identified(&plan, &unknown), Err(IdentifyError::UnknownStep { step: 99 })));
-    // The search alone may be missing.
+    // Only the search may be missing.
     assert_eq!(identified(&plan, &readings[1..]), identified(&plan, &readings));
 }
 
@@ -74,8 +74,8 @@ fn one_feed_or_two_touches_are_not_enough() {
     assert!(refused(&one_feed, &readings).contains("1 feeds in the plan"));
 }
 
-/// Touches that all read alike say that there is no delay, as far as the display shows; without a
-/// display's step nobody can say how far.
+/// Identical readings mean that there is no delay, within the display step; without a display step the limit is
+/// unknown.
 #[test]
 fn touches_that_read_alike() {
     let (mut plan, mut readings) = world().played(1);
@@ -84,7 +84,7 @@ fn touches_that_read_alike() {
     let estimate = identified(&plan, &readings).unwrap();
     let delay = parameter(&estimate, "t_latch");
     assert!(delay.value.abs() < 1e-9 && !parameter(&estimate, "T_scan").identifiable);
-    // Two means of steps of 1 µm over 4.5 mm/s.
+    // Two means with steps of 1 µm, divided by 4.5 mm/s.
     let u = (2.0_f64 / 12.0).sqrt() / 4.5;
     assert!(delay.u > u && delay.u < 1.2 * u, "{} {u}", delay.u);
     plan.machine.axes.values_mut().for_each(|axis| axis.resolution_um = 0.0);
@@ -105,7 +105,7 @@ fn touches_that_did_not_come_to_their_feed_are_refused() {
     assert!(refused(&plan, &readings).contains("was met after 0.0000 mm"));
 }
 
-/// Scatter that grows with the feed, without the delay that a scan has.
+/// Scatter that increases with the feed, without the delay of a scan.
 #[test]
 fn a_machine_that_shakes_is_no_plc() {
     let (plan, mut readings) = World::with_a_round_part().played(1);
@@ -139,7 +139,8 @@ fn touches_that_scatter_more_than_declared_are_told() {
     assert!(!says(&identified(&plan, &readings).unwrap().warnings, "repeatability_um"));
 }
 
-/// The part was moved while the run stood: the step is not delay, and a reference more is one more touch.
+/// The part was moved while the run was interrupted: the step is not a delay, and an additional reference is one
+/// more touch.
 #[test]
 fn an_interruption_may_have_moved_the_part() {
     let (mut plan, mut readings) = world().played(3);

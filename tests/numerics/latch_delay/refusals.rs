@@ -1,4 +1,4 @@
-//! What is refused before anything moves, and when the part is found.
+//! Refusals before any motion, and after the part was found.
 
 use machine::record::plan::{Plan, Stage};
 use methods::{Next, Refused, Source};
@@ -33,8 +33,8 @@ fn settings_that_measure_nothing_are_refused() {
     refused(&with("artefact.centre_mm", vec![900.0, 0.0, 0.0]), "does not reach");
 }
 
-/// The way on which a fast touch comes to its feed belongs to the touch, which is no longer than the
-/// overtravel: a fast feed that is named is refused, one that is not is lowered.
+/// The acceleration distance of a fast touch is part of the touch, which is not longer than the overtravel: a
+/// stated fast feed that needs more is refused, a default one is lowered.
 #[test]
 fn a_touch_that_would_not_come_to_its_feed_is_refused_or_slower() {
     let weak = || with("axes.Y.acceleration_per_s2", 20.0);
@@ -62,7 +62,7 @@ fn both_feeds_touch_one_place_in_turns() {
     assert_eq!(feeds[..6], [300.0, 30.0, 300.0, 300.0, 30.0, 30.0]);
 }
 
-/// Nearer than its touches can begin.
+/// The part is nearer than the start of its touches.
 #[test]
 fn a_part_that_stands_elsewhere_is_refused_when_it_is_found() {
     let (method, mut plan) = World::with_a_round_part().header();

@@ -1,4 +1,4 @@
-//! One of NIST's files: starts and certified values from line 41, data from line 61.
+//! Reads one of NIST's files: starts and certified values from line 41, data from line 61.
 
 pub const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../data/nist_strd");
 
@@ -24,7 +24,7 @@ pub fn read(name: &str) -> Dataset {
         y.push(row.remove(0));
         x.push(row);
     }
-    // The one problem whose response is a logarithm.
+    // The only problem whose response is a logarithm.
     if name == "Nelson" {
         y.iter_mut().for_each(|y| *y = y.ln());
     }

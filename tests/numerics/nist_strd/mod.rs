@@ -1,14 +1,14 @@
-//! NIST's 27 nonlinear regression problems, each from both of its starting points: ours against
-//! certified values. Each is solved twice, by the same function and with the same limits as SAMBA: with
-//! all unknowns in one dense block, and with the first of them eliminated as a ball's are.
-//! `cargo test --test nist_strd -- --nocapture` prints the table: at least seven digits of parameters and,
-//! but for `ROUNDED_AWAY`, six and a half of standard deviations.
+//! NIST's 27 nonlinear regression problems, each from both of its starting points: our results compared with the
+//! certified values. Each is solved twice, by the same function and with the same limits as SAMBA: with all
+//! unknowns in one dense block, and with the first of them eliminated as a ball's are. `cargo test --test nist_strd
+//! -- --nocapture` prints the table: at least seven digits of parameters and, except for `ROUNDED_AWAY`, six and a
+//! half of standard deviations.
 //!
-//! What this is not: a certificate. NIST certifies the values, not programs that meet them; and 27
-//! small problems say nothing about the model or the uncertainties of any machine. It shows that
-//! `estimation::nonlinear` finds a minimum, from starts near and far, to the digits that double
-//! precision leaves. Many blocks at once are held against dense solves in `estimation/` and, in
-//! `benches/samba.rs`, against scipy.
+//! This test is not a certificate. NIST certifies the values, not programs that reproduce them; and 27 small
+//! problems prove nothing about the model or the uncertainties of any machine. It shows that
+//! `estimation::nonlinear` finds a minimum, from near and far starting points, to the digits that double precision
+//! allows. Problems with many blocks are compared with dense solutions in `estimation/` and with scipy in
+//! `benches/samba.rs`.
 
 mod file;
 mod models;
@@ -18,20 +18,20 @@ use estimation::schur::{Rows, factor};
 use file::{Dataset, read};
 use models::{MODELS, Model};
 
-/// The readings are given to so many digits that the residuals (1e-13 of values near 1) are mostly
-/// rounding of double precision: their sum, and with it the standard deviations, has three digits.
+/// The data have so many digits that the residuals (1e-13 of values near 1) are mostly rounding errors of double
+/// precision: their sum of squares, and with it the standard deviations, has three digits.
 const ROUNDED_AWAY: &str = "Lanczos1";
 
 struct Found {
-    /// Of the worst parameter, of the worst standard deviation, of the residual sum of squares.
+    /// Digits of the worst parameter, of the worst standard deviation, of the residual sum of squares.
     digits: [f64; 3],
     factors: usize,
 }
 
-/// The first `own` unknowns are eliminated. The sigma of the readings is not known: 1 each.
+/// Solves with the first `own` unknowns eliminated. The sigma of the readings is unknown: 1 for each.
 fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Found, String> {
     let unknowns = dataset.parameters.len();
-    // The common unknowns stand first.
+    // The common unknowns come first.
     let turned = |b: &[f64], by: usize| -> Vec<f64> { [&b[by..], &b[..by]].concat() };
     let at = |x: &[f64]| -> Vec<(f64, Vec<f64>)> {
         let b = turned(x, unknowns - own);
@@ -53,7 +53,7 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Fo
         .map_err(|error| error.to_string())?;
     let squares = found.residuals.iter().map(|r| r * r).sum::<f64>();
     let scale = (squares / (dataset.y.len() - unknowns) as f64).sqrt();
-    // Linearised at the very end: so many digits are asked for.
+    // Linearised at the solution, because so many digits are required.
     let covariance = factor(rows(&found.x)).0.covariance();
     let deviations: Vec<f64> = (0..unknowns).map(|j| scale * covariance[(j, j)].sqrt()).collect();
     let digits = [
@@ -64,11 +64,11 @@ fn solve(dataset: &Dataset, model: Model, start: usize, own: usize) -> Result<Fo
     Ok(Found { digits, factors: found.factors })
 }
 
-/// Log relative error of the worst, in digits; 11 are certified.
+/// Smallest number of correct digits, by the log relative error; 11 digits are certified.
 fn digits(found: &[f64], certified: &[f64]) -> f64 {
     assert_eq!(found.len(), certified.len());
     let each = found.iter().zip(certified).map(|(f, c)| -((f - c) / c).abs().log10());
-    // A NaN is no digit.
+    // A NaN counts as zero digits.
     each.map(|digits| if digits.is_nan() { 0.0 } else { digits }).fold(11.0, f64::min)
 }
 
@@ -117,7 +117,7 @@ fn the_table_is_complete() {
     assert_eq!(files.len(), 27);
 }
 
-/// The analytic Jacobians against central differences at the second start.
+/// Compares the analytic Jacobians with central differences at the second starting point.
 #[test]
 fn jacobians_agree_with_differences() {
     for (name, model) in MODELS {

@@ -1,4 +1,4 @@
-//! The models as NIST's files state them, with their derivatives by hand.
+//! The models as stated in NIST's files, with derivatives computed by hand.
 
 use std::f64::consts::{PI, TAU};
 
@@ -135,7 +135,7 @@ fn roszman1(b: &[f64], x: &[f64]) -> (f64, Vec<f64>) {
     (y, vec![1.0, -x[0], -d * inverse, -b[2] * inverse])
 }
 
-/// b1 and a wave of period 12, b4 and b7 each
+/// b1 plus a wave of period 12 and two waves of the periods b4 and b7
 fn enso(b: &[f64], x: &[f64]) -> (f64, Vec<f64>) {
     let wave = |period: f64| (TAU * x[0] / period).sin_cos();
     let (sine, cosine) = wave(12.0);

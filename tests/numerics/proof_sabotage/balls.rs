@@ -1,4 +1,4 @@
-//! A program that measures balls on stems, and ways to spoil it that a round part does not know.
+//! A program that measures balls on stems, and modifications that do not exist for a round part.
 
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::plan::{Plan, Stage, Step, StepKind};
@@ -19,10 +19,10 @@ const INDEXATIONS: [[f64; 3]; 6] = [
     [-90.0, 0.0, 0.0],
     [90.0, 90.0, 90.0],
 ];
-/// Where the slow touches expect the balls, mm.
+/// Uncertainty of the ball positions in the slow touches, mm.
 const FOUND_WITHIN: f64 = 0.25;
 
-/// At each indexation two stages: every ball that can be reached is searched for, then measured.
+/// Two stages at each indexation: every accessible ball is searched for, then measured.
 pub fn rendered(dialect: &str) -> Rendered {
     let file = MachineFile::parse("samba.toml", SAMBA.to_owned()).unwrap();
     let (_, mut plan) = header(&file, "samba", None).unwrap();
@@ -97,7 +97,7 @@ pub const BALLS: [(&str, Act); 6] = [
     }),
 ];
 
-/// The first step of the indexation of this one: there the spindle turns.
+/// The first step of the same indexation: there the spindle turns.
 fn oriented(p: &Rendered, id: u32) -> Option<Place> {
     (0..=id).rev().map(|id| p.place(id)).find(|place| place.orient.is_some())
 }
@@ -110,7 +110,7 @@ fn ball_of(step: &Step) -> Option<&str> {
     step.label.split('/').nth(2)
 }
 
-/// The whole of it in this step's name.
+/// All lines of the other ball's step, with the number of this step.
 fn another_ball(p: &Rendered, l: &mut Lines, id: u32) -> Option<Window> {
     let other = step(p, id + 5).filter(|other| other.stage == step(p, id).unwrap().stage)?;
     let differs = ball_of(other) != ball_of(step(p, id)?);
@@ -122,8 +122,8 @@ fn another_ball(p: &Rendered, l: &mut Lines, id: u32) -> Option<Window> {
     differs.then_some((own.first, own.first + count - 1))
 }
 
-/// Where two touches begin that face each other across the ball, at one height: this one and the
-/// next but one.
+/// Start positions of two touches that face each other across the ball, at the same height: this step and the
+/// second next.
 fn facing(p: &Rendered, id: u32) -> Option<([f64; 3], [f64; 3])> {
     let (one, other) = (step(p, id)?, step(p, id + 2)?);
     let along = (0..3).map(|i| one.normal[i] * other.normal[i]).sum::<f64>();
@@ -133,8 +133,8 @@ fn facing(p: &Rendered, id: u32) -> Option<([f64; 3], [f64; 3])> {
     faces.then(|| (place(one), place(other)))
 }
 
-/// Guarded moves through these places after the way back; the last must be refused, if not one
-/// before.
+/// Inserts guarded moves through these positions after the back-off; the last one must be refused, or an earlier
+/// one.
 fn after_back(p: &Rendered, l: &mut Lines, id: u32, places: &[[f64; 3]]) -> Window {
     let at = p.place(id).back + 1;
     for (k, [x, y, z]) in places.iter().enumerate() {

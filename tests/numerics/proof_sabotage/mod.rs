@@ -1,5 +1,5 @@
-//! Rendered programs of real plans: all are proven as they are; each spoiled one is refused, and the
-//! refusal names the line.
+//! Rendered programs of real plans: all are proven unchanged; each modified one is refused, and the refusal names
+//! the line.
 
 mod balls;
 mod program;
@@ -10,7 +10,7 @@ use machine::{Axis, Position};
 use planning::proof::Refusal;
 use program::{GRBLHAL, LINUXCNC, Rendered, SIMULATED};
 
-/// Steps are drawn by this.
+/// Seed for the drawn steps.
 const SEED: u64 = 20_250_314;
 
 fn with(file: &str, from: &str, to: &str) -> String {
@@ -56,7 +56,7 @@ fn programs() -> Vec<(&'static str, String, &'static str)> {
     ]
 }
 
-/// Those, and two that measure balls.
+/// The programs of [`programs`], and two that measure balls.
 fn rendered() -> Vec<(String, Rendered)> {
     let round = programs().into_iter().map(|(name, file, dialect)| {
         (name.to_owned(), Rendered::new(&file, "self-calibration", dialect))
@@ -66,7 +66,7 @@ fn rendered() -> Vec<(String, Rendered)> {
     round.chain(balls).collect()
 }
 
-/// High over the middle, all axes at zero.
+/// A position high above the middle, with all axes at zero.
 fn parked(rendered: &Rendered) -> Position {
     let axes = rendered.plan.machine.axes.iter();
     axes.map(|(axis, spec)| (*axis, if *axis == Axis::Z { spec.max } else { 0.0 })).collect()
@@ -83,7 +83,7 @@ fn no_program_as_rendered_is_refused() {
             assert_eq!(proof.steps.len(), rendered.plan.steps.len(), "{name}");
             let nearest = proof.nearest.expect("bodies were looked at");
             assert!(nearest.clearance_mm > 0.1, "{name}: {nearest:?}");
-            // What is not looked at is told: the first way, where nobody knows the start.
+            // The proof lists what it did not check: the first path, if the start is unknown.
             let blind = proof.not_looked_at.iter().any(|text| text.contains("the way of lines"));
             assert_eq!(blind, stands.is_none(), "{name}: {:?}", proof.not_looked_at);
             assert_eq!(proof.not_looked_at.len(), usize::from(blind), "{name}");
@@ -99,14 +99,15 @@ fn drawn(seed: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Spoil `rendered` at a drawn step where that is possible; the refusal, and the window of its line.
+/// Modifies `rendered` at a drawn step to which the modification applies; returns the refusal, and the expected
+/// window of its line.
 fn spoil(rendered: &Rendered, act: sabotage::Act, seed: u64) -> Option<(u32, String)> {
     let steps = rendered.plan.steps.len() as u64 - 2;
     (0..20).find_map(|attempt| {
         let id = (drawn(seed + 1000 * attempt) % steps) as u32;
         let mut lines = rendered.lines.clone();
         let (low, high) = act(rendered, &mut lines, id)?;
-        // On a touch from above, say, there is no Y to confuse with X.
+        // For example, a touch from above has no Y to swap with X.
         if lines == rendered.lines {
             return None;
         }
@@ -130,7 +131,7 @@ fn every_sabotage_is_refused_and_its_line_named() {
         let more: &[_] = if of_balls { &balls::BALLS } else { &[] };
         let all = sabotage::ALL.iter().chain(&sabotage::MORE).chain(more);
         for (kind, (what, act)) in all.enumerate() {
-            // Each kind in every third program; the balls' own in both.
+            // Each kind in every third program; those of balls in both.
             if !of_balls && (number + kind) % 3 != 0 {
                 continue;
             }

@@ -1,4 +1,4 @@
-//! Whole programs of real plans, and where in them a step does what.
+//! Whole programs of real plans, and the lines of each action of a step.
 
 use machine::record::plan::{Plan, Stage};
 use machine::record::proof::Proof;
@@ -55,7 +55,7 @@ impl Rendered {
         })
     }
 
-    /// Where step `id` does what; indices into `lines`.
+    /// Lines of each action of step `id`; indices into `lines`.
     pub fn place(&self, id: u32) -> Place {
         let of_step = |line: &String| line.starts_with(&format!("N{id} "));
         let own: Vec<usize> = (0..self.lines.len()).filter(|i| of_step(&self.lines[*i])).collect();

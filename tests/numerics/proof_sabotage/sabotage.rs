@@ -1,14 +1,14 @@
-//! Ways to spoil a program. Each changes a copy of the lines at a step and says between which lines
-//! (indices into the spoiled lines, both included) the damage must be named.
+//! Modifications of a program. Each changes a copy of the lines at a step and returns the range of lines (indices
+//! into the modified lines, both included) in which the error must be named.
 
 use machine::record::artefact::Artefact;
 
 use super::program::{Place, Rendered};
 
 pub type Lines = Vec<String>;
-/// First and last line that may be named.
+/// First and last line that the refusal may name.
 pub type Window = (usize, usize);
-/// `None`: it does not apply to this step.
+/// `None`: the modification does not apply to this step.
 pub type Act = fn(&Rendered, &mut Lines, u32) -> Option<Window>;
 
 pub const ALL: [(&str, Act); 59] = [
@@ -18,7 +18,7 @@ pub const ALL: [(&str, Act); 59] = [
     ("inches from the head on", |_, l, _| {
         let at = swap(l, |line| line.starts_with("G21"), "G21", "G20")?;
         let first = Rendered::next(l, at);
-        // Zero is the same place in inches.
+        // Zero is the same position in inches.
         let moves = |line: &str| {
             let words = line.split(' ').filter_map(|word| word.strip_prefix(['X', 'Y', 'Z']));
             words.filter_map(|number| number.parse::<f64>().ok()).any(|number| number != 0.0)
@@ -108,7 +108,7 @@ pub const ALL: [(&str, Act); 59] = [
     ("no approach", |p, l, id| {
         let Place { down, touch, back, .. } = p.place(id);
         l.remove(down);
-        // High above, the touch is a harmless guarded move; the way back from it is not.
+        // High above, the touch is a harmless guarded move; its back-off is not.
         Some((touch - 1, back - 1))
     }),
     ("no way over", |p, l, id| {
@@ -215,7 +215,7 @@ pub const ALL: [(&str, Act); 59] = [
     }),
 ];
 
-/// Those that only a spindle that follows can have, and words that do not belong there.
+/// Modifications that need a spindle that follows, and words that are not allowed there.
 pub const MORE: [(&str, Act); 7] = [
     ("S not oriented", |p, l, id| {
         let Place { orient, touch, .. } = p.place(id);
@@ -232,7 +232,7 @@ pub const MORE: [(&str, Act); 7] = [
     }),
     ("a decimal comma", |p, l, id| on(l, p.place(id).touch, ".", ",")),
     ("the way up through the part", |p, l, id| {
-        // Between balls there is room.
+        // Between balls there is free space.
         let round = matches!(p.plan.artefact, Artefact::Cylinder(_));
         round.then(|| on(l, p.place(id).up, " Z", " X0 Y0 Z")).flatten()
     }),
@@ -250,7 +250,7 @@ fn at_turn(p: &Rendered, l: &mut Lines, id: u32, change: fn(f64) -> f64) -> Opti
     changed(l, turn?, &['C'], change).then_some((turn?, touch))
 }
 
-/// A line of its own in front of the line `at`; named is the one `later` after it.
+/// Inserts a line before the line `at`; the error is expected `later` lines after it.
 fn before(l: &mut Lines, at: usize, line: &str, later: usize) -> Option<Window> {
     l.insert(at, line.to_owned());
     Some((at + later, at + later))
@@ -279,7 +279,7 @@ fn value(line: &str, letter: char) -> Option<f64> {
     word[1..].parse().ok()
 }
 
-/// Change the words of these letters in a line; false if nothing is changed.
+/// Changes the words with these letters in a line; returns false if nothing changed.
 pub fn changed(l: &mut Lines, at: usize, letters: &[char], change: impl Fn(f64) -> f64) -> bool {
     let word = |word: &str| {
         let number = word.chars().next().filter(|c| letters.contains(c)).map(|_| &word[1..]);

@@ -1,4 +1,4 @@
-//! The same for balls on stems, each somewhere within its uncertainty: single moves, and touches.
+//! The same check for balls on stems, each at a random position within its uncertainty: single moves, and touches.
 
 use planning::gcode::Dialect;
 use planning::proof::{MARGIN_MM, Reason};
@@ -11,7 +11,8 @@ use super::{
     Axes, COARSE, Count, Dice, FINE, GUARDED_MM, Kind, Point, length, minus, unmapped, verdict,
 };
 
-/// What a move must keep, without the artefact's uncertainty: the stylus feels balls and stems.
+/// Clearance of a move, without the artefact's uncertainty: balls and stems may be touched by the stylus in a
+/// guarded move.
 fn need(guarded: bool, tool: usize) -> f64 {
     match (guarded, tool) {
         (false, _) => MARGIN_MM,
@@ -48,7 +49,7 @@ impl Move {
         Self { bench, from, to, guarded: standing && number % 3 == 1 }
     }
 
-    /// Smallest distance of all pairs less what they must keep, and where.
+    /// Smallest distance of all pairs minus their required clearance, and where it occurs.
     fn slack(&self, spacing: f64, stride: f64, (low, high): (f64, f64)) -> (f64, f64, bool) {
         let Self { bench, from, to, guarded } = self;
         let Seen { stylus, balls } = bench.seen(spacing);
@@ -113,18 +114,18 @@ fn random_moves_among_balls_no_missed_collision() {
     assert!(u64::from(count.refused) * 5 < 4 * moves, "{count:?}");
 }
 
-/// A touch of one ball, aimed a little aside of its middle.
+/// A touch of one ball, aimed slightly off its centre.
 struct Touch {
     bench: Bench,
     meant: usize,
     from: Axes,
     to: Axes,
     normal: Point,
-    /// Of all balls together, table frame.
+    /// Common shifts of all balls, table frame.
     shifts: Vec<Point>,
 }
 
-/// Trigger after contact; braking from 30 mm/min is below a micrometre.
+/// Distance of the trigger after contact, mm; braking from 30 mm/min takes less than a micrometre.
 const PRE_TRAVEL: f64 = 0.1;
 const STEPS: usize = 80;
 
@@ -141,7 +142,7 @@ impl Touch {
         let normal = way.map(|x| x / length(way));
         let ((centre, radius), (_, tip)) = (bench.balls[meant][0].bound(), bench.stylus[0].bound());
         let aside: Point = std::array::from_fn(|_| dice.between(-0.5, 0.5));
-        // Directions of the machine frame, seen in the table's.
+        // Directions of the machine frame, expressed in the table's.
         let turned = |p: Point| minus(unmapped(&table, p), unmapped(&table, [0.0; 3]));
         let out = turned(normal);
         let mut place = |low: f64, high: f64| {
@@ -158,7 +159,7 @@ impl Touch {
         Self { bench, meant, from, to, normal, shifts }
     }
 
-    /// The ball may stand anywhere near: is all well with this shift?
+    /// Whether the touch is safe if the ball has this shift.
     fn is_well(&self, Seen { stylus, balls }: &Seen, shift: Point) -> bool {
         let own = &balls[self.meant];
         let length_mm = length(std::array::from_fn(|i| self.to[i] - self.from[i]));
@@ -179,7 +180,8 @@ impl Touch {
             })
     }
 
-    /// All other balls and stems, wherever they stand, over the whole of the touch.
+    /// Whether all other balls and stems, at all positions within their uncertainty, stay clear during the whole
+    /// touch.
     fn passes_the_others(&self, Seen { stylus, balls }: &Seen) -> bool {
         let Self { bench, meant, .. } = self;
         let others = balls.iter().enumerate().filter(|(k, _)| k != meant);
@@ -228,7 +230,7 @@ fn random_touches_of_balls_none_that_goes_wrong() {
     let count = all.reduce(Count::default, Count::plus);
     println!("{touches} touches: {count:?}");
     assert_eq!(count.missed, 0);
-    // Twenty-four places of a ball do not show its worst.
+    // Twenty-four positions of a ball may miss its worst one.
     assert!(u64::from(count.conservative) * 10 <= touches, "{count:?}");
     assert!(u64::from(count.collisions) * 10 > touches, "{count:?}");
     assert!(u64::from(count.refused) * 5 < 4 * touches, "{count:?}");

@@ -1,4 +1,4 @@
-//! Balls on stems and a probe among them, by their points.
+//! Balls on stems and a probe between them, represented by points.
 
 use std::cell::OnceCell;
 
@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::{Axes, Dice, Kind, Matrix, Point, Solid, between, length, mapped, minus, unmapped};
 
-/// A rod with flat ends, or a ball, with its distances.
+/// A rod with flat ends, or a ball, with its distance function.
 #[derive(Clone)]
 pub enum Body {
     Ball(Point, f64),
@@ -26,7 +26,7 @@ impl Body {
         }
     }
 
-    /// Points, and a radius about each: all of its surface, or nearly.
+    /// Points, and a radius about each, that cover its surface, or nearly.
     fn points(&self, spacing: f64) -> (Vec<Point>, f64) {
         match self {
             Body::Ball(centre, radius) => (vec![*centre], *radius),
@@ -42,7 +42,7 @@ impl Body {
     }
 }
 
-/// A body with its points, which are made once, if anything comes near.
+/// A body with its points, which are computed once, when another body comes near.
 pub struct Sampled<'a> {
     body: &'a Body,
     spacing: f64,
@@ -54,23 +54,23 @@ impl<'a> Sampled<'a> {
         Self { body, spacing, points: OnceCell::new() }
     }
 
-    /// The smallest of these distances, each of one of its points.
+    /// The smallest of these distances over its points.
     fn least(&self, of: impl Fn(Point) -> f64) -> f64 {
         let (points, radius) = self.points.get_or_init(|| self.body.points(self.spacing));
         points.iter().map(|p| of(*p)).fold(f64::INFINITY, f64::min) - radius
     }
 }
 
-/// All bodies of a bench, as it has them.
+/// All bodies of a bench, sampled.
 pub struct Seen<'a> {
     pub stylus: [Sampled<'a>; 3],
     pub balls: Vec<[Sampled<'a>; 2]>,
 }
 
-/// In the frames of the spindle and the table.
+/// Bodies in the frames of the spindle and of the table.
 pub struct Bench {
     pub kind: Kind,
-    /// Ball, stem, body of the probe.
+    /// Ball, stem and body of the probe.
     pub stylus: [Body; 3],
     /// Each ball with its stem.
     pub balls: Vec<[Body; 2]>,
@@ -146,12 +146,12 @@ impl Bench {
         [self.kind.spindle(axes), self.kind.table(axes)]
     }
 
-    /// Where the tip stands in the table's frame.
+    /// Position of the tip in the table's frame.
     pub fn tip(&self, at: &[Matrix; 2]) -> Point {
         unmapped(&at[1], mapped(&at[0], TIP))
     }
 
-    /// Linear axes for a place of the tip (table frame): it goes evenly with them.
+    /// Linear axis positions for a tip position (table frame), which is linear in them.
     pub fn linear_for(&self, tip: Point, b: f64, c: f64) -> Axes {
         let tip_at = |axes: Axes| self.tip(&self.at(axes, axes, 0.0));
         let zero = tip_at([0.0, 0.0, 0.0, b, c]);
@@ -160,15 +160,15 @@ impl Bench {
             axes[k] = 1.0;
             minus(tip_at(axes), zero)
         };
-        // The three directions are square to each other and of length one.
+        // The three directions are orthonormal.
         let off = minus(tip, zero);
         let dot = |k: usize| (0..3).map(|i| unit(k)[i] * off[i]).sum::<f64>();
         [dot(0), dot(1), dot(2), b, c].map(|value| (value * 1e4).round() / 1e4)
     }
 }
 
-/// Distance of a body of the stylus from one of the artefact, the latter off by `shift` (table frame);
-/// `far` or more is not looked at closely.
+/// Distance of a body of the stylus from one of the artefact, the latter shifted by `shift` (table frame);
+/// distances of `far` or more are not computed exactly.
 pub fn apart(at: &[Matrix; 2], [tool, work]: [&Sampled; 2], shift: Point, far: f64) -> f64 {
     let (to_table, to_tool) = (between(&at[0], &at[1]), between(&at[1], &at[0]));
     let to_table = |p: Point| minus(mapped(&to_table, p), shift);

@@ -1,7 +1,7 @@
-//! The proof against a simple program: points on the solids' surfaces, stepped along the motion,
-//! looked for in the other solid. Its own forward kinematics from homogeneous matrices; it shares
-//! nothing with `kinematics/` or the collision library. It sees less than there is (only its points,
-//! only its steps), so what it does see the proof must refuse.
+//! Compares the proof with a simple program: points on the surfaces of the solids, stepped along the motion and
+//! tested against the other solid. It has its own forward kinematics from homogeneous matrices and shares nothing
+//! with `kinematics/` or the collision library. It detects only a part of all collisions (only its points, only its
+//! steps); the proof must refuse each one that it detects.
 
 mod balls;
 mod bodies;
@@ -27,7 +27,7 @@ pub fn moved([x, y, z]: Point) -> Matrix {
     [[1.0, 0.0, 0.0, x], [0.0, 1.0, 0.0, y], [0.0, 0.0, 1.0, z], [0.0, 0.0, 0.0, 1.0]]
 }
 
-/// About the line through `at` parallel to X, Y or Z (0, 1, 2), degrees, right-handed.
+/// Rotation about the line through `at` parallel to X, Y or Z (0, 1, 2), degrees, right-handed.
 pub fn turned(axis: usize, at: Point, degrees: f64) -> Matrix {
     let (sin, cos) = degrees.to_radians().sin_cos();
     let (i, j) = ((axis + 1) % 3, (axis + 2) % 3);
@@ -40,13 +40,13 @@ fn mapped(m: &Matrix, p: Point) -> Point {
     std::array::from_fn(|i| m[i][0] * p[0] + m[i][1] * p[1] + m[i][2] * p[2] + m[i][3])
 }
 
-/// Of a rigid matrix: back to where `p` came from.
+/// Applies the inverse of a rigid matrix to `p`.
 pub fn unmapped(m: &Matrix, p: Point) -> Point {
     let off: Point = std::array::from_fn(|i| p[i] - m[i][3]);
     std::array::from_fn(|i| m[0][i] * off[0] + m[1][i] * off[1] + m[2][i] * off[2])
 }
 
-/// From one frame into another: where the points of `from` stand as seen from `into`, both rigid.
+/// Transformation from one frame into another: maps points of `from` to coordinates of `into`, both rigid.
 fn between(from: &Matrix, into: &Matrix) -> Matrix {
     let origin = unmapped(into, [0.0; 3]);
     let mut back = moved(origin);
@@ -78,7 +78,7 @@ impl Solid {
         (length(minus(self.to, self.from)) / 2.0).hypot(self.radius.unwrap_or(0.0))
     }
 
-    /// Distance of a point from it, 0 inside.
+    /// Distance of a point from the solid, 0 inside.
     pub fn distance(&self, p: Point) -> f64 {
         let Some(radius) = self.radius else {
             let beyond = |i: usize| {
@@ -95,7 +95,7 @@ impl Solid {
         (-along).max(along - height).max(0.0).hypot((out - radius).max(0.0))
     }
 
-    /// Points of its surface, none of the rest further than `spacing` from one of them.
+    /// Points of the surface, such that every surface point is within `spacing` of one of them.
     fn surface(&self, spacing: f64) -> Vec<Point> {
         match self.radius {
             None => self.of_box(spacing),
@@ -167,13 +167,13 @@ impl Solid {
 /// Positions of X, Y, Z in mm and B, C in degrees.
 type Axes = [f64; 5];
 
-/// Two machines, written out by hand. ISO 841: what carries the workpiece moves by minus the command;
-/// `reversed` turns that round.
+/// Two machines, written out by hand. ISO 841: an axis that carries the workpiece moves by minus the command;
+/// `reversed` inverts that.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     /// `w-C-B-F-Y-X-Z-t`: trunnion, C reversed; B turns about (5, 0, −20), C about (0, 3, 0).
     Trunnion,
-    /// `w-C-Y-F-X-Z-B-t`: the table goes with Y, the head swings about (0, 0, 150), B reversed.
+    /// `w-C-Y-F-X-Z-B-t`: the table moves with Y, the head turns about (0, 0, 150), B reversed.
     Head,
 }
 
@@ -214,7 +214,7 @@ impl Kind {
 
     fn plan(self, solids: &[Solid; 3]) -> Plan {
         let at = json!({"X": 0.0, "Y": 0.0, "Z": 0.0, "B": 0.0, "C": 0.0});
-        // Ball and artefact far from everything.
+        // Ball and artefact are far from all bodies.
         serde_json::from_value(json!({
             "trued_plan": 1, "method": "test", "settings": {},
             "machine": {"name": "m", "topology": self.topology(), "tool_mm": [0.0, 0.0, 9000.0],
@@ -243,7 +243,7 @@ impl Dice {
         low + (high - low) * ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// As the text can say it.
+    /// A value with the resolution of the text.
     fn written(&mut self, low: f64, high: f64) -> f64 {
         (self.between(low, high) * 1e4).round() / 1e4
     }
@@ -253,7 +253,7 @@ impl Dice {
         let mut half: Point = std::array::from_fn(|_| self.written(4.0, 35.0));
         let radius = (self.between(0.0, 1.0) < 0.5).then(|| self.written(3.0, 30.0));
         if radius.is_some() && self.between(0.0, 1.0) < 0.3 {
-            // Along Z, and thin, as stems and tables are.
+            // Thin along Z, as stems and tables are.
             (half[0], half[1]) = (0.0, 0.0);
         }
         let from = std::array::from_fn(|i| middle[i] - half[i]);
@@ -266,7 +266,7 @@ struct Case {
     solids: [Solid; 3],
     from: Axes,
     to: Axes,
-    /// Guarded moves keep less; only linear axes may be moved so.
+    /// Guarded moves need less clearance; only linear axes can make them.
     guarded: bool,
 }
 
@@ -287,7 +287,7 @@ impl Case {
             ]
         };
         let (from, mut to) = (place(), place());
-        // One in three: rotary axes stand.
+        // In one move of three the rotary axes do not move.
         if number.is_multiple_of(3) {
             (to[3], to[4]) = (from[3], from[4]);
         }
@@ -299,28 +299,28 @@ impl Case {
         [self.kind.spindle(axes), self.kind.table(axes), moved([0.0; 3])]
     }
 
-    /// What the move must keep, mm.
+    /// Required clearance of the move, mm.
     fn need(&self) -> f64 {
         if self.guarded { GUARDED_MM } else { MARGIN_MM }
     }
 
-    /// Is the move refused?
+    /// Whether the proof refuses the move.
     fn proof_refuses(&self, dialect: &Dialect) -> bool {
         let plan = self.kind.plan(&self.solids);
         match verdict(&plan, (self.from, self.to), self.guarded, dialect) {
             Reason::Near { .. } => true,
-            // The move itself was found good.
+            // The move itself was accepted.
             Reason::Unfinished(_) => false,
             other => panic!("{other}"),
         }
     }
 
-    /// Smallest distance of a sampled surface point from the other solid, of all pairs and steps;
-    /// distances above `far` may be left out.
+    /// Smallest distance of a sampled surface point from the other solid, over all pairs and steps; distances above
+    /// `far` may be left out.
     fn sampled(&self, spacing: f64, stride: f64, far: f64, window: (f64, f64)) -> (f64, f64) {
         let surfaces = self.solids.each_ref().map(|solid| solid.surface(spacing));
         let way = (0..3).map(|i| (self.to[i] - self.from[i]).powi(2)).sum::<f64>().sqrt();
-        // A degree is at most about 4 mm at 230 mm.
+        // A rotation of one degree moves a point at 230 mm by about 4 mm.
         let turn = (self.to[3] - self.from[3]).abs() + (self.to[4] - self.from[4]).abs();
         let count = ((way + 4.0 * turn) * (window.1 - window.0) / stride).ceil().max(1.0) as usize;
         let mut best = (f64::INFINITY, 0.0);
@@ -369,10 +369,10 @@ fn position(axes: Axes) -> Position {
     LETTERS.iter().zip(axes).map(|(axis, value)| (*axis, axis.from_edge(value))).collect()
 }
 
-/// What a program of one move is refused for; it never is complete.
+/// Reason for which a program of one move is refused; the program is never complete.
 fn verdict(plan: &Plan, (from, to): (Axes, Axes), probing: bool, dialect: &Dialect) -> Reason {
     let words: Vec<String> = LETTERS.iter().zip(to).map(|(a, v)| format!("{a}{v:.4}")).collect();
-    // The first guarded move may leave from where it stands: a wait goes before it.
+    // The first guarded move may start at the current position: it follows a dwell.
     let go = if probing { "G4 P0.1\nN0 G38.3 F30" } else { "G53 G0" };
     let head = "G21 G90 G94 G61 G49 G92.1\nG10 L2 P6 X0 Y0 Z0 B0 C0\nG59";
     let text = format!("{head}\nN0 {go} {}\n", words.join(" "));
@@ -399,7 +399,7 @@ struct Count {
 
 const COARSE: f64 = 6.0;
 const FINE: f64 = 0.8;
-/// What guarded moves keep from all but the artefact, mm.
+/// Clearance of guarded moves from all bodies except the artefact, mm.
 const GUARDED_MM: f64 = 0.5;
 
 impl Count {
@@ -420,7 +420,7 @@ fn look(number: u64, dialect: &Dialect) -> Count {
     let far = need + 2.0 * COARSE;
     let (mut least, at) = case.sampled(COARSE, 3.0, far, (0.0, 1.0));
     if least > need && least < far {
-        // Between the coarse points: look closely where they came nearest.
+        // Between the coarse points: a fine check at the smallest distance.
         let window = ((at - 0.03).max(0.0), (at + 0.03).min(1.0));
         least = least.min(case.sampled(FINE, 0.3, far, window).0);
     }
@@ -448,7 +448,7 @@ fn random_moves_no_missed_collision() {
     println!("{moves} moves: {count:?}");
     assert_eq!(count.missed, 0);
     assert!(u64::from(count.conservative) * 50 <= moves, "{count:?}");
-    // The moves are worth looking at: many collide, many pass.
+    // The moves are a useful sample: many collide, many pass.
     assert!(u64::from(count.collisions) * 5 > moves, "{count:?}");
     assert!(u64::from(count.refused) * 5 < 4 * moves, "{count:?}");
 }

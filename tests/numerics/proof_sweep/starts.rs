@@ -1,6 +1,6 @@
-//! Starts of a run whose control is wrong about where X, Y and Z stand, by up to 300 mm: homed wrongly, or
-//! with steps lost. The way that `planning` plans is walked through a world of its own: matrices and points on
-//! surfaces, as in the other trials here.
+//! Starts of a run whose control has wrong positions of X, Y and Z, by up to 300 mm: homed wrongly, or with lost
+//! steps. The path that `planning` plans is followed through an independent world: matrices and points on surfaces,
+//! as in the other trials here.
 
 use machine::record::motion::{Block, Motion};
 use machine::record::plan::Plan;
@@ -13,13 +13,13 @@ use planning::{Clearance, Confirmed, Start, end_of, touch_block};
 use super::{Matrix, Point, Solid, between, mapped, moved, times, turned};
 
 const STARTS: u64 = 500;
-/// Between two looks, mm: of points on one body, and along a way.
+/// Distance between two checks, mm: of points on one body, and along a path.
 const SPACING: f64 = 5.0;
 const STRIDE: f64 = 0.25;
-/// X, Y, Z; at their ends a limit switch stops the machine, and with it the run.
+/// Travel of X, Y, Z, mm; at its ends a limit switch stops the machine, and with it the run.
 const TRAVEL: [[f64; 2]; 3] = [[-250.0, 250.0], [-250.0, 250.0], [-50.0, 450.0]];
 
-/// Of X, Y and Z, mm/s².
+/// Acceleration of X, Y and Z, mm/s².
 const ACCELERATION: f64 = 2000.0;
 
 /// X, Y, Z in mm, B and C in degrees.
@@ -69,7 +69,7 @@ impl World {
         }
     }
 
-    /// Distance to whatever is nearest, of the stylus and of the rest.
+    /// Distance to the nearest body, of the stylus and of the other tool bodies.
     fn gaps(&self, [x, y, z, b, c]: Axes) -> [f64; 2] {
         let spindle = moved([x, y, z]);
         let swung: Matrix = turned(1, [0.0; 3], -b);
@@ -89,15 +89,15 @@ impl World {
     }
 }
 
-/// How a start ended.
+/// Result of a start.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum End {
     Confirmed,
-    /// The stylus met something on a guarded move.
+    /// The stylus touched a body on a guarded move.
     GuardedContact,
     NoContact,
     AtLimit,
-    /// The proof finds a body in the way from where the machine is thought to stand.
+    /// The proof finds a body in the path from the assumed machine position.
     Refused,
 }
 
@@ -105,11 +105,11 @@ fn axes(position: &Position) -> Axes {
     [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C].map(|axis| axis.to_edge(position.at(axis)))
 }
 
-/// Where a straight way is first fulfilled, as a share of it: by steps no longer than what is free.
+/// First share of a straight path at which `free` is not positive: by steps no longer than the free distance.
 fn first(way: [Axes; 2], free: impl Fn(Axes) -> f64) -> Option<f64> {
     let at = |share: f64| std::array::from_fn(|i| way[0][i] + share * (way[1][i] - way[0][i]));
     let linear: Point = std::array::from_fn(|i| way[1][i] - way[0][i]);
-    // No point of the table is further than 300 mm from the axes.
+    // No point of the table is farther than 300 mm from the axes.
     let turned = (way[1][3] - way[0][3]).abs() + (way[1][4] - way[0][4]).abs();
     let length = super::length(linear) + 300.0 * turned.to_radians();
     let mut share = 0.0;
@@ -125,7 +125,7 @@ fn first(way: [Axes; 2], free: impl Fn(Axes) -> f64) -> Option<f64> {
     }
 }
 
-/// The machine as it truly moves.
+/// The true motion of the machine.
 struct Walk<'a> {
     world: &'a World,
     off: Point,
@@ -139,7 +139,7 @@ impl Walk<'_> {
         axes
     }
 
-    /// Where the machine has braked after a contact at this share of its way.
+    /// Position of the machine after braking from a contact at this share of the path.
     fn at_rest(&self, way: [Axes; 2], share: f64, feed_mm_min: f64) -> Axes {
         let linear: Point = std::array::from_fn(|i| way[1][i] - way[0][i]);
         let brakes = (feed_mm_min / 60.0).powi(2) / 2.0 / ACCELERATION;
@@ -184,7 +184,7 @@ impl Walk<'_> {
     }
 }
 
-/// Seeded, from 0 to 1.
+/// A pseudo-random number from 0 to 1.
 fn drawn(seed: u64, number: u64) -> f64 {
     let mut z = (seed * 64 + number).wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -192,8 +192,8 @@ fn drawn(seed: u64, number: u64) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Where the control says that the machine stands, and by how much X, Y and Z stand off that. Every
-/// fifth is off by no more than 3 mm. The machine stands free.
+/// Position that the control reports, and the true offset of X, Y and Z from it. Every fifth offset is at most 3
+/// mm. The true position is free of collisions.
 fn start(world: &World, seed: u64) -> (Position, Point) {
     (0..)
         .find_map(|attempt| {
@@ -230,7 +230,7 @@ fn locating() -> Plan {
     plan
 }
 
-/// As a run plans the stage from where the control says that it stands.
+/// The stage as a run plans it from the position that the control reports.
 fn blocks(plan: &Plan, believed: &Position) -> Option<Vec<Block>> {
     let clearance = Clearance::above(plan).unwrap();
     let (mut stands, mut confirmed) = (believed.clone(), Confirmed::default());
@@ -294,12 +294,12 @@ fn from_500_wrong_places_nothing_is_met_but_by_the_stylus_on_a_guarded_move() {
     assert!(bad.is_empty(), "{}: {bad:#?}", bad.len());
     for (end, off, _) in &ends {
         let most = off.iter().fold(0.0_f64, |most, off| most.max(off.abs()));
-        // A touch begins 2.5 mm before the place where the part is stated, and goes as far beyond it.
+        // A touch begins 2.5 mm before the stated position of the part, and ends as far beyond it.
         assert!(*end != End::Confirmed || most < 2.6, "confirmed, but off by {off:?}");
         assert!(*end != End::NoContact || most > 1.9, "not found, but off by {off:?} only");
     }
     assert!(count(End::Confirmed) > 20 && count(End::GuardedContact) > 50);
-    // Where the machine is believed to stand beside something.
+    // Starts at which the assumed position is beside a body.
     assert!(
         count(End::Refused) < ends.len() / 5,
         "{} of {} refused",

@@ -1,4 +1,4 @@
-//! One machine, its control behind a grbl wire, and what is measured with it.
+//! One machine, its control behind a grbl wire, and measurements with it.
 
 use std::collections::BTreeSet;
 
@@ -25,7 +25,7 @@ impl World {
         Self(include_str!("../../../config/samba.toml").parse().unwrap())
     }
 
-    /// Nothing but what the model and the declared noise of a touch explain.
+    /// A world with only those errors that the model and the declared noise of a touch explain.
     pub fn inside_the_model() -> Self {
         let mut world = Self::as_built_in();
         for axis in ["X", "Y", "Z", "B", "C"] {
@@ -38,7 +38,7 @@ impl World {
             .with("method.samba.monte_carlo_trials", 100)
     }
 
-    /// `path`: keys with dots between; tables that are missing are made.
+    /// Sets the value at `path`, keys joined by dots; missing tables are created.
     pub fn with(mut self, path: &str, value: impl Into<Value>) -> Self {
         let (tables, key) = path.rsplit_once('.').unwrap();
         self.table(tables).insert(key.to_owned(), value.into());
@@ -50,14 +50,14 @@ impl World {
         self
     }
 
-    /// A key of the scale bar.
+    /// Sets a key of the scale bar.
     pub fn with_bar(mut self, key: &str, value: f64) -> Self {
         let lengths = self.table("artefact")["lengths"].as_array_mut().unwrap();
         lengths[0].as_table_mut().unwrap().insert(key.to_owned(), value.into());
         self
     }
 
-    /// One more entry of `[[simulated.NAME]]`.
+    /// Adds an entry to `[[simulated.NAME]]`.
     pub fn and(mut self, name: &str, entry: &str) -> Self {
         let list = self.table("simulated").entry(name).or_insert_with(|| Value::Array(Vec::new()));
         list.as_array_mut().unwrap().push(Value::Table(entry.parse().unwrap()));
@@ -82,7 +82,7 @@ pub struct Measured {
     pub readings: Vec<Reading>,
     pub estimate: Estimate,
     errors: Table,
-    /// How far the table had crept in the middle of the measurement, mm, and the stylus.
+    /// Drift of the table in the middle of the measurement, mm, and the true stylus.
     crept: [f64; 3],
     pub stylus_mm: [f64; 3],
 }
@@ -110,8 +110,8 @@ impl Measured {
         found.unwrap_or_else(|| panic!("no {symbol}"))
     }
 
-    /// Estimate less truth in the middle of the measurement, in the unit of both; `key` as in
-    /// `[simulated.errors]`. That the table crept one way is that the spindle stands off the other.
+    /// Estimate minus true value in the middle of the measurement, in the unit of both; `key` as in
+    /// `[simulated.errors]`. A drift of the table in one direction appears as a spindle offset in the other.
     pub fn error(&self, symbol: &str, key: &str) -> f64 {
         let [x, y, _] = self.crept;
         let since = match symbol {
@@ -122,7 +122,7 @@ impl Measured {
         self.parameter(symbol).value - self.errors[key].as_float().unwrap() - since
     }
 
-    /// The same of the stylus, mm.
+    /// Estimate minus true stylus, mm.
     pub fn stylus_error_mm(&self) -> [f64; 3] {
         let value = |k: usize| self.parameter(["tool_x", "tool_y", "tool_z"][k]).value;
         let since = |k: usize| if k == 2 { -self.crept[2] } else { 0.0 };
@@ -130,7 +130,7 @@ impl Measured {
     }
 }
 
-/// Mean time of the touches that the estimate is made of.
+/// Mean time of the touches that the estimate uses.
 fn mid_run(plan: &Plan, readings: &[Reading]) -> f64 {
     let fast: BTreeSet<u32> =
         plan.steps.iter().filter(|s| s.label.starts_with("find/")).map(|s| s.id).collect();
@@ -139,7 +139,7 @@ fn mid_run(plan: &Plan, readings: &[Reading]) -> f64 {
     times.iter().sum::<f64>() / times.len() as f64
 }
 
-/// A run that did not come to its end, in words.
+/// The reason of a run that failed, as text.
 pub struct Failed(pub String);
 
 pub struct Bench {
@@ -169,7 +169,7 @@ impl Bench {
         Measured::of(&file, method.as_ref(), plan, readings)
     }
 
-    /// The first stages only.
+    /// Measures the first stages only.
     pub fn begin(&self, seed: u64, world: &World, stages: usize) -> Result<Vec<Reading>, Failed> {
         let file = world.file(seed);
         let (method, header) =
@@ -197,7 +197,7 @@ impl Bench {
     }
 }
 
-/// A method that ends after so many stages.
+/// A method that ends after this number of stages.
 struct Beginning {
     method: Box<dyn Method>,
     stages: usize,
@@ -230,13 +230,13 @@ impl Series {
         Self { world, method, header }
     }
 
-    /// The plan knows nothing of the world's drift: what is declared is inside the model.
+    /// The plan does not declare the drift of the world.
     pub fn without_declared_drift(mut self) -> Self {
         self.header.machine.drift_um_per_h = 0.0;
         self
     }
 
-    /// As a run measures, over the same wire, without its proof and its journal.
+    /// Measures as a run does, over the same wire, without proof and journal.
     pub fn measure(&self, seed: u64) -> Result<Measured, Failed> {
         let file = self.world.file(seed);
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();

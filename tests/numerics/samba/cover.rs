@@ -1,6 +1,5 @@
-//! Whether the stated uncertainty is true (METHODS section 6), with sources outside the model that are
-//! declared by their size: thirteen parameters and the stylus, against the truth in the middle of the
-//! measurement as the world has it.
+//! Coverage of the stated uncertainty (METHODS section 6), with sources outside of the model that are declared by
+//! their size: thirteen parameters and the stylus, compared with the truth in the middle of the measurement.
 
 use super::bench::{self, Measured, World};
 use super::played::Played;
@@ -9,13 +8,13 @@ use testing::population::{count_bound, population, ratio_bounds};
 
 const STYLUS: [&str; 3] = ["tool_x", "tool_y", "tool_z"];
 
-/// Name and deviation from the truth, each in the unit of its parameter.
+/// Name and deviation from the true value, each in the unit of its parameter.
 fn deviations(measured: &Measured) -> Vec<(&'static str, f64)> {
     let machine = SYMBOLS.iter().map(|(symbol, key)| (*symbol, measured.error(symbol, key)));
     machine.chain(STYLUS.into_iter().zip(measured.stylus_error_mm())).collect()
 }
 
-/// χ² of the deviations by the stated covariance.
+/// χ² of the deviations with the stated covariance.
 fn chi2(measured: &Measured) -> f64 {
     let off = deviations(measured);
     let covariance = &measured.estimate.covariance;
@@ -30,8 +29,8 @@ fn chi2(measured: &Measured) -> f64 {
     scaled.iter().zip(solved.iter()).map(|(a, b)| a * b).sum()
 }
 
-/// All that is drawn is normal, save the rounding of single touches: the sum over the worlds has the
-/// distribution of χ². Hardly a world may be called a misfit, in either direction.
+/// All draws are normally distributed, except the rounding of single touches: the sum over the worlds has a χ²
+/// distribution. Almost no world may be reported as a misfit, in either direction.
 fn covers(name: &str, world: World) {
     const FULL: u64 = 200;
     let seeds = population(FULL);
@@ -83,8 +82,8 @@ fn axes(world: World, key: &str, axes: &[&str], value: f64) -> World {
     axes.iter().fold(world, |world, axis| world.with(&format!("axes.{axis}.{key}"), value))
 }
 
-/// The sources that can be declared, by their name in the budget, each to be switched on and off; a
-/// declared repeatability and a certificate without any uncertainty are none.
+/// The sources that can be declared, by their name in the budget, each with its switch; a declared repeatability,
+/// and a certificate without any uncertainty, cannot be zero.
 const SOURCES: [(&str, Change); 8] = [
     ("repeatability of a touch", |w, on| {
         w.with("probe.repeatability_um", if on { 1.0 } else { 0.05 })
@@ -104,8 +103,8 @@ const SOURCES: [(&str, Change); 8] = [
     }),
 ];
 
-/// One source alone: its budget line is what is seen to scatter, of all parameters for which it is
-/// prominent together, and not far off for each of them.
+/// One source alone: its budget line equals the observed scatter, over all parameters for which it is prominent
+/// together, and approximately for each of them.
 #[test]
 fn each_budget_line_is_the_scatter_of_its_source_alone() {
     const FULL: u64 = 60;

@@ -1,9 +1,9 @@
-//! Every named design through the real run on the built-in machine: its balls stand off from where the
-//! file says, and its axes from where the nominal machine has them.
+//! Every named design in a real run on the built-in machine: its true ball positions differ from the file, and its
+//! true axes from the nominal machine.
 
 use super::bench::{Bench, Failed, World};
 
-/// All searches of each design, and a few of its visits.
+/// Number of stages: all searches of each design, and a few of its visits.
 const BEGINNING: usize = 10;
 
 fn paper() -> World {

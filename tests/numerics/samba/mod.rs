@@ -1,6 +1,6 @@
-//! SAMBA end to end: the built-in machine of paper 4, its simulated control over the grbl wire. One
-//! machine goes through the real run with proof and journal; the many seeds, of a smaller design, go
-//! over the same wire without them. The world is exact and knows nothing of the estimator.
+//! SAMBA end to end: the built-in machine of paper 4, its simulated control over the grbl wire. One machine is
+//! measured in a real run with proof and journal; the many seeds, with a smaller design, are measured over the same
+//! wire without them. The world is exact and independent of the estimator.
 
 mod bench;
 mod cover;
@@ -28,7 +28,7 @@ const SYMBOLS: [(&str, &str); 13] = [
     ("EZZ1", "EZZ1_um_per_m"),
 ];
 
-/// χ² of the thirteen parameters against the truth, by the stated covariance.
+/// χ² of the thirteen parameters against the true values, with the stated covariance.
 fn chi2(measured: &Measured) -> f64 {
     let covariance = &measured.estimate.covariance;
     let at: Vec<usize> = SYMBOLS
@@ -54,7 +54,7 @@ fn mean_chi2(seeds: std::ops::Range<u64>, series: &Series) -> f64 {
     each.iter().sum::<f64>() / count
 }
 
-/// In the order of the seeds. A control is waited for more than it computes, so there are more
+/// Results in the order of the seeds. Waiting for a control takes longer than the computation, so there are more
 /// threads than cores.
 fn in_parallel<T: Send>(seeds: std::ops::Range<u64>, one: impl Fn(u64) -> T + Sync) -> Vec<T> {
     const THREADS: u64 = 6;
@@ -79,13 +79,13 @@ fn the_built_in_machine_is_measured_as_it_is() {
     for (symbol, key) in SYMBOLS {
         let parameter = measured.parameter(symbol);
         let off = measured.error(symbol, key);
-        // Thirteen parameters of one machine: the largest of them may well pass U at k = 2.
+        // Thirteen parameters of one machine: the largest deviation may well exceed U at k = 2.
         assert!(off.abs() < 1.7 * parameter.expanded, "{symbol} off by {off}: {parameter:?}");
         assert!(parameter.identifiable, "{symbol}");
     }
 }
 
-/// The budget of the small design: what 200 machines can be measured with in a test.
+/// The budget of the small design, with which 200 machines can be measured in a test.
 fn small(world: World) -> Series {
     Series::of(small_budget(world).with("method.samba.find", "once"))
 }
@@ -104,7 +104,7 @@ fn u_is_true_in_worlds_inside_the_model() {
     assert!((low / dof..high / dof).contains(&mean), "{mean}");
 }
 
-/// What the thirteen parameters do not hold, one at a time, strong enough to matter.
+/// Errors outside of the thirteen parameters, one at a time, large enough to matter.
 #[test]
 fn what_the_model_does_not_hold_is_flagged() {
     let inside = World::inside_the_model;
@@ -118,7 +118,7 @@ fn what_the_model_does_not_hold_is_flagged() {
     ];
     const FULL: u64 = 10;
     let seeds = population(FULL);
-    // A misfit is tested at 1 %.
+    // The misfit test has a level of 1 %.
     let false_alarms = count_bound(seeds, FULL, (0.01, 1));
     for (name, world) in worlds {
         let series = small(world).without_declared_drift();

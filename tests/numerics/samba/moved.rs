@@ -1,8 +1,8 @@
-//! Somebody pushes a ball while the run is under way: the run holds and says which.
+//! A ball is pushed during the run: the run is held and names the ball.
 
 use super::bench::{Bench, Failed, World};
 
-/// Enough for each ball to come again after it has moved.
+/// Enough stages that each ball is measured again after it has moved.
 const STAGES: usize = 24;
 
 fn stopped(by: &str) -> String {

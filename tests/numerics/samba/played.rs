@@ -1,5 +1,5 @@
-//! The printed plan, played on the world itself by somebody who knows nothing but the plan: without the
-//! wire and without searching, so that many seeds take little time.
+//! The printed plan, played on the world itself from the plan alone: without the wire and without a search, so that
+//! many seeds take little time.
 
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::{Flag, Reading};
@@ -11,9 +11,9 @@ use trued::setup::{self, MachineFile};
 
 use super::bench::{self, Measured};
 
-/// Beside the ways that are played, so that a touch takes as long as in a run with its search.
+/// Additional time of each path, so that a touch takes as long as in a run with its search.
 const ON_THE_WAY_S: f64 = 2.2;
-/// Up and away from everything before X, Y or a rotary axis moves.
+/// Retract distance away from all bodies before X, Y or a rotary axis moves.
 const AWAY_MM: f64 = 40.0;
 
 /// One plan for many worlds that differ in their truth only.
@@ -25,7 +25,7 @@ pub struct Played {
 
 impl Played {
     pub fn of(world: bench::World) -> Self {
-        // The balls stand where the plan has them, to what a touch without a search still finds.
+        // The balls are at their planned positions, within the reach of a touch without a search.
         let world = world
             .with("simulated.centre_offset_mm", vec![0.0, 0.0])
             .with("simulated.ball_offset_mm", 0.05)
@@ -35,7 +35,7 @@ impl Played {
         Self { world, method, plan }
     }
 
-    /// In the order of the seeds.
+    /// Measurements in the order of the seeds.
     pub fn measure(&self, seeds: std::ops::Range<u64>) -> Vec<Measured> {
         seeds.into_par_iter().map(|seed| self.one(&self.world.file(seed))).collect()
     }

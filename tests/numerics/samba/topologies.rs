@@ -1,4 +1,4 @@
-//! Coverage on eight kinds of machine: tables and heads that turn, four axes, a spindle that is not oriented.
+//! Coverage on eight kinds of machine: rotary tables and heads, four axes, a spindle that cannot be oriented.
 
 use rand::RngExt;
 use rayon::prelude::*;
@@ -12,7 +12,7 @@ use super::bench::World;
 use crate::touch_alone::touch_alone;
 use testing::population::{count_bound, is_full, population};
 
-/// Topology, and the turning axes with how far they turn either way.
+/// Topology, and the rotary axes with their range in either direction.
 const MACHINES: [(&str, &[(&str, i64)]); 8] = [
     ("w-C-B-X-F-Z-Y-S-t", &[("B", 110), ("C", 360), ("S", 360)]),
     ("w-C-B-X-F-Z-Y-S-t", &[("B", 110), ("C", 360)]),
@@ -23,7 +23,7 @@ const MACHINES: [(&str, &[(&str, i64)]); 8] = [
     ("w-B-F-X-Y-Z-t", &[("B", 110)]),
     ("w-A-F-X-Y-Z-t", &[("A", 110)]),
 ];
-/// Of each true error, in um, urad and um/m.
+/// Maximum of each true error, in um, urad and um/m.
 const MOST_ERROR: f64 = 25.0;
 
 fn world(topology: &str, turning: &[(&str, i64)]) -> World {
@@ -43,7 +43,7 @@ fn world(topology: &str, turning: &[(&str, i64)]) -> World {
     let simulated = world.table("simulated");
     simulated.remove("errors");
     simulated.remove("error_motion");
-    // Its cradle and its headstock belong to the built-in machine.
+    // Cradle and headstock belong to the built-in machine.
     let whole = world.with("machine.topology", topology).without("solid");
     whole
         .with("machine.drift_um_per_h", 0.0)
@@ -70,7 +70,7 @@ fn errors_of(estimate: &Estimate) -> Vec<(String, String)> {
     errors.map(|p| (p.symbol.clone(), key(&p.symbol, p.unit))).collect()
 }
 
-/// Of each error in how many worlds U did not reach the truth.
+/// For each error, the number of worlds in which U did not cover the true value.
 fn missed(world: &World, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
     let (method, header) = setup::header(&world.file(0), "samba", None).unwrap();
     let (plan, _) = methods::nominal(method.as_ref(), header).unwrap();
@@ -102,8 +102,8 @@ fn missed(world: &World, seeds: std::ops::Range<u64>) -> Vec<(String, u64)> {
     errors.iter().enumerate().map(|(i, (symbol, _))| (symbol.clone(), count(i))).collect()
 }
 
-/// METHODS, section 6: 93.0 to 97.5 % of all together; and none of them below 90 %, which few worlds cannot tell of
-/// so many errors.
+/// METHODS, section 6: 93.0 to 97.5 % of all together; and none of them below 90 %, which few worlds cannot show
+/// for so many errors.
 #[test]
 fn u_covers_on_eight_kinds_of_machine() {
     let worlds = population(125);
@@ -120,7 +120,7 @@ fn u_covers_on_eight_kinds_of_machine() {
     let percent = 100.0 * (1.0 - all_missed as f64 / all as f64);
     println!("covered: {percent:.2} % of {all}");
     assert!(!is_full() || beyond.is_empty(), "{beyond:?}");
-    // The errors of one machine are correlated: the worlds count, not the errors.
+    // The errors of one machine are correlated: the number of worlds counts, not that of the errors.
     let most = count_bound(8 * worlds, 1000, (0.0455, 70));
     let low = 100.0 * (1.0 - most as f64 / (8 * worlds) as f64);
     assert!((low..97.5).contains(&percent) || !is_full() && percent > low, "{percent}");

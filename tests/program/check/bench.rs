@@ -1,4 +1,4 @@
-//! A check of a machine, without anybody at it.
+//! Runs a check of a machine without an operator.
 
 use trued::commissioning::{Check, Finding, Person, Stop, Summary, Verdict};
 use trued::setup::{MachineFile, Pace, Rehearsal, Site};
@@ -18,7 +18,7 @@ pub fn machine(changes: &[(&str, &str)]) -> String {
     changes.iter().fold(MACHINE.to_owned(), change)
 }
 
-/// With more lines in `[simulated]`, and whatever sections follow.
+/// The machine with additional lines in `[simulated]`, and any sections that follow.
 pub fn with_truth(lines: &str) -> String {
     machine(&[]) + "\n" + lines
 }
@@ -28,7 +28,7 @@ pub fn with_control(keys: &str, text: &str) -> String {
     text.replacen(WIRE, &format!("{keys}\n"), 1)
 }
 
-/// Checked with the bystander of the simulated machine.
+/// Checks a machine file with the simulated operator.
 pub fn checked(text: &str) -> Summary {
     let file = MachineFile::parse("machine.toml", text.to_owned()).unwrap();
     runtime().block_on(async {
@@ -38,8 +38,8 @@ pub fn checked(text: &str) -> Summary {
     })
 }
 
-/// The machine file `told` against a simulated control that is as `true_to` says; `keys` makes the
-/// `[controller]` of the one from where the other is served.
+/// Checks the machine file `told` with a simulated control that follows `true_to`; `keys` makes the `[controller]`
+/// of the first from the address of the second.
 pub fn against(told: &str, true_to: &str, pace: Pace, keys: impl Fn(String) -> String) -> Summary {
     let truth = MachineFile::parse("truth.toml", true_to.to_owned()).unwrap();
     runtime().block_on(async {
@@ -65,7 +65,7 @@ pub fn runtime() -> tokio::runtime::Runtime {
     tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap()
 }
 
-/// What failed, with its remedies.
+/// Failed findings, with their remedies.
 pub fn failures(summary: &Summary) -> String {
     let failed = summary.findings.iter().filter(|finding| finding.verdict == Verdict::Failed);
     failed.map(|finding| format!("{finding}\n")).collect()

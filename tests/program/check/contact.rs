@@ -1,4 +1,4 @@
-//! A check of a machine whose stylus stayed in contact after a guarded move.
+//! Check of a machine whose stylus is still in contact after a guarded move.
 
 use std::sync::{Arc, Mutex};
 
@@ -14,13 +14,13 @@ use trued::store::Journal;
 use super::bench::{failures, machine, runtime, through, with_control};
 use crate::support::recording_control::{self, Record, RecordingControl};
 
-/// Z at contact with the top of the part: its height, the radius of the ball and the length of the tool,
-/// mm. All as `config/simulated.toml` states them; no planted error moves the top.
+/// Z at contact with the top of the part: its height, the radius of the ball and the length of the tool, mm. All
+/// are stated in `config/simulated.toml`; no planted error moves the top.
 const CONTACT_Z: f64 = 100.0 + 3.0 + 120.0;
 
 type AnswerFn = dyn FnMut(&Question, &Bystander) -> Option<Answer>;
 
-/// Answers by `answer`; otherwise as the bystander.
+/// Answers with `answer`; other questions are answered by the simulated operator.
 struct Operator {
     bystander: Bystander,
     answer: Box<AnswerFn>,
@@ -34,7 +34,7 @@ impl Person for Operator {
     }
 }
 
-/// After a guarded move onto the top of the part, which the contact has ended, and `deeper` mm beyond.
+/// World after a guarded move onto the top of the part that ended by contact, and a further `deeper` mm.
 fn in_contact(file: &MachineFile, deeper: f64) -> World {
     let mut world = setup::world(file).unwrap();
     let down = Position::new().with(Axis::Z, CONTACT_Z - 20.0);
@@ -45,7 +45,7 @@ fn in_contact(file: &MachineFile, deeper: f64) -> World {
     world
 }
 
-/// A check against a control that records its lines, and the position of the machine before it.
+/// Result of a check with a control that records its lines, and the machine position before the check.
 struct Recorded {
     summary: Summary,
     record: Record,
@@ -53,7 +53,7 @@ struct Recorded {
     world: Arc<Mutex<World>>,
 }
 
-/// `keys` stand before `[artefact]`.
+/// `keys` are inserted before `[artefact]`.
 fn recorded(
     deeper: f64,
     keys: &str,
@@ -104,7 +104,7 @@ fn assert_nothing_moved(checked: &Recorded) {
     assert_eq!(z, checked.z_before, "{}", checked.summary);
 }
 
-/// Nothing but the retract moves.
+/// Asserts that only the retract moved the machine.
 fn assert_ended(summary: &Summary) {
     assert_eq!(summary.count(Verdict::Failed), 1, "{summary}");
     let failed = failures(summary);
@@ -115,7 +115,7 @@ fn assert_ended(summary: &Summary) {
 }
 
 pub fn a_stylus_in_contact_is_led_out_step_by_step_and_the_check_ends() {
-    // Braking from 50 mm/s at 2000 mm/s² takes 0.6 mm more: three steps.
+    // Braking from 50 mm/s at 2000 mm/s² adds 0.6 mm: three steps.
     let checked = recorded(2.0, "", operator(|_, _| None));
     assert_ended(&checked.summary);
     let lines = checked.record.lines();
@@ -133,8 +133,8 @@ pub fn a_stylus_in_contact_is_led_out_step_by_step_and_the_check_ends() {
     assert_eq!(last, steps.last().copied(), "{lines:#?}");
 }
 
-/// Behind each simulated control. A resident program ends in an alarm where one step does not free the
-/// stylus, so it is pressed less there.
+/// Tests each simulated control. A resident program ends in an alarm if one step does not free the stylus, so its
+/// deflection is smaller.
 pub fn a_stylus_in_contact_is_led_out_whatever_the_control_speaks() {
     for (keys, pressed) in [
         ("wire = \"memory\"", 1.5),
@@ -194,7 +194,7 @@ pub fn a_stop_while_the_direction_is_asked_for_moves_nothing() {
     assert!(checked.summary.stopped && !checked.summary.held, "{}", checked.summary);
 }
 
-/// The refusal is told with the next question.
+/// The next question includes the refusal.
 pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
     let results = Arc::new(Mutex::new(Vec::new()));
     let kept = results.clone();
@@ -207,7 +207,7 @@ pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
         let towards = AxisDirection { axis: Axis::X, is_positive: true };
         Some(if kept.len() == 1 { Answer::Retract(towards) } else { Answer::No })
     };
-    // 2.5 mm beside the ball.
+    // The gap to the ball is 2.5 mm.
     let post =
         "[[keepout]]\nname = \"post\"\nmin_mm = [5.5, -5.0, 101.0]\nmax_mm = [9.0, 5.0, 110.0]\n";
     let checked = recorded(0.0, post, operator(answer));

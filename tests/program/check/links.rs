@@ -1,4 +1,4 @@
-//! Planted mistakes between the machine and the program: ports, speeds, kinds, registers, and settings of
+//! Planted mistakes between the machine and the program: ports, speeds, control types, registers, and settings of
 //! the control.
 
 use machine::record::question::{Answer, Question};
@@ -18,13 +18,13 @@ const MODBUS: &str = "speaks = \"modbus\"";
 const PROGRAM: &str = "speaks = \"modbus-program\"";
 const RTU: &str = "speaks = \"modbus\"\nwire = \"pty\"\nbaud = 19200";
 
-/// The sound machine file, reached by `keys`, which are made from where the control is.
+/// The correct machine file, connected with `keys`, which are made from the address of the control.
 fn reached(control: &str, more: &str, keys: impl Fn(String) -> String) -> Summary {
     let truth = with_control(control, &machine(&[])) + more;
     against(&machine(&[]), &truth, Pace::Fast, |served| keys(served) + DIALECT)
 }
 
-/// What the control says of a key is replaced.
+/// Replaces the value of a key in `[controller]`.
 fn with(control: &str, old: &'static str, new: &'static str) -> Summary {
     reached(control, "", |served| {
         assert!(served.contains(old), "{served}");
@@ -32,7 +32,7 @@ fn with(control: &str, old: &'static str, new: &'static str) -> Summary {
     })
 }
 
-/// Where the link leads stays, the control in `told` is another.
+/// Keeps the link, but states another type of control.
 fn told_as(control: &str, kind: &'static str, more: &'static str) -> Summary {
     reached(control, "", |served| {
         let link =
@@ -41,7 +41,7 @@ fn told_as(control: &str, kind: &'static str, more: &'static str) -> Summary {
     })
 }
 
-/// Every axis of the register map so.
+/// Changes every axis of the register map.
 fn read_as(how: &str) -> Summary {
     let axes = |first: u16| {
         let axis = |(letter, place): (&str, u16)| {
@@ -57,7 +57,7 @@ fn read_as(how: &str) -> Summary {
     reached(MODBUS, "", |served| served + &map)
 }
 
-/// As from a manual that counts from 1.
+/// A register map from a manual that counts from 1.
 fn counted_from_one() -> Summary {
     let items = [
         ("sequence_head", 1),
@@ -97,7 +97,7 @@ fn in_the_other_space() -> Summary {
     reached(MODBUS, "", |served| served + space + &map)
 }
 
-/// Nothing moves there, and whatever may be asked may be asked.
+/// An operator who allows every question; nothing moves there.
 struct Agreeing;
 
 impl Person for Agreeing {
@@ -106,7 +106,7 @@ impl Person for Agreeing {
     }
 }
 
-/// A port where something is plugged in that says nothing.
+/// A port with a device that sends nothing.
 fn silence() -> Summary {
     let told = machine(&[("kind = \"simulated\"\n", ""), ("wire = \"memory\"\n", "@\n")]);
     runtime().block_on(async {
@@ -118,7 +118,7 @@ fn silence() -> Summary {
     })
 }
 
-/// The control lets X travel less than the machine file.
+/// The control allows X less travel than the machine file.
 pub fn short_travel() -> Summary {
     set("130 = 400")
 }
@@ -127,7 +127,7 @@ fn set(settings: &str) -> Summary {
     reached(&format!("{PTY}\nsettings = {{ {settings} }}"), "", |served| served)
 }
 
-/// Each in words that come up for no other.
+/// Each row has words that occur for no other mistake.
 pub const MISTAKES: &[Mistake] = &[
     row(
         "another baud rate",

@@ -1,4 +1,4 @@
-//! The table of planted mistakes: a name, how it is planted, and words that name this one alone.
+//! The table of planted mistakes: a name, how the mistake is planted, and words that name only this mistake.
 
 use trued::commissioning::Summary;
 use trued::setup::Pace;
@@ -19,7 +19,7 @@ fn wired(lines: &str) -> Summary {
     checked(&with_truth(&format!("[simulated.wiring]\n{lines}\n")))
 }
 
-/// The part truly stands off by so much.
+/// The true offset of the part.
 fn part_off(by: &str) -> Summary {
     let offset = format!("centre_offset_mm = {by}");
     checked(&machine(&[("centre_offset_mm = [0.8, -0.5]", &offset)]))
@@ -38,13 +38,13 @@ fn grbl(keys: String) -> String {
     keys + "\ndialect = \"grbl-m19\""
 }
 
-/// The machine file says otherwise than a control that is right.
+/// The machine file contradicts a correct control.
 fn told(changes: &[(&str, &str)]) -> Summary {
     let truth = with_control("wire = \"pty\"", &machine(&[]));
     against(&machine(changes), &truth, Pace::Fast, grbl)
 }
 
-/// Where the machine stands to begin with, at the top of Z.
+/// Start position of the machine, at the top of Z.
 const KEEPOUT: &str = "[[keepout]]\nname = \"tool setter\"\nmin_mm = [5.5, -20.0, 320.0]\n\
                        max_mm = [50.0, 20.0, 340.0]\n\n[artefact]";
 

@@ -1,4 +1,4 @@
-//! `trued check` names the mistake: each that is planted, in words that come up for no other.
+//! `trued check` names each planted mistake in words that occur for no other mistake.
 
 mod bench;
 mod contact;
@@ -18,15 +18,16 @@ use mistakes::{MISTAKES, Mistake};
 use trued::commissioning::{Summary, Verdict};
 use trued::setup::Pace;
 
-/// The longest first: those of the links wait for what does not answer.
+/// All mistakes, the longest first: those of the links wait for a timeout.
 fn all() -> impl Iterator<Item = &'static Mistake> {
     links::MISTAKES.iter().chain(sensor_mistakes::MISTAKES).chain(MISTAKES)
 }
 
-/// At a time. Most of them wait; more would be late on a small computer, and late is a finding of its own.
+/// Number of parallel checks. Most of them wait; more would be late on a small computer, and lateness is itself a
+/// finding.
 const WORKERS: usize = 6;
 
-/// Each with what the check said of it.
+/// Each mistake with the summary of its check.
 fn each() -> Vec<(&'static Mistake, Summary)> {
     let (rows, done) = (Mutex::new(all()), Mutex::new(Vec::new()));
     let next = || rows.lock().unwrap().next();
@@ -43,7 +44,7 @@ fn each() -> Vec<(&'static Mistake, Summary)> {
     done.into_inner().unwrap()
 }
 
-/// Failures that another failure of the summary repeats, alone or within a sentence.
+/// Failures whose text is repeated by another failure of the summary, alone or within a sentence.
 fn named_twice(summary: &Summary) -> Vec<&str> {
     let failed = summary.findings.iter().filter(|finding| finding.verdict == Verdict::Failed);
     let whats: Vec<&str> = failed.map(|finding| finding.what.as_str()).collect();
@@ -71,7 +72,7 @@ fn each_planted_mistake_is_named_and_no_other() {
     assert!(wrong.is_empty(), "\n{}", wrong.join("\n\n"));
 }
 
-/// A jog into the part of the travel that the control does not allow would end in an alarm.
+/// A jog beyond the travel limits of the control would end in an alarm.
 fn regress_an_axis_beyond_the_controls_limits_is_not_jogged() {
     let summary = links::short_travel();
     let jogged = |axis: &str| {
@@ -121,7 +122,7 @@ fn a_sound_machine_passes_whatever_it_speaks() {
     });
 }
 
-/// As a person's own machine file has it: nothing simulated in the program itself.
+/// As in an operator's machine file: the program itself simulates nothing.
 fn a_sound_control_elsewhere_passes() {
     for keys in ["wire = \"pty\"", "speaks = \"modbus\""] {
         let truth = with_control(keys, &machine(&[]));
@@ -131,8 +132,8 @@ fn a_sound_control_elsewhere_passes() {
     }
 }
 
-/// The scan of a PLC scatters touches by 14.4 µm at 300 mm/min. A probe that scatters so at any feed, and
-/// is declared to, is no PLC.
+/// The scan of a PLC scatters touches by 14.4 µm at 300 mm/min. A probe with the same scatter at every feed,
+/// declared in the file, is not reported as a PLC.
 fn a_probe_that_scatters_as_a_scan_does_is_no_scan() {
     let poor = machine(&[("repeatability_um = 0.5", "repeatability_um = 14.4")]);
     let summary = checked(&poor);
@@ -140,7 +141,7 @@ fn a_probe_that_scatters_as_a_scan_does_is_no_scan() {
     assert!(summary.to_string().contains("latched in the control"), "{summary}");
 }
 
-/// Twelve touches at each feed scatter by more than is declared, and not by more than so few may.
+/// Twelve touches at each feed scatter by more than the declared value, but within the bound for so few touches.
 fn scatter_that_few_touches_may_show_is_told_with_its_bound() {
     let poorer = machine(&[("repeatability_um = 0.5", "repeatability_um = 0.6")]);
     let truth = with_control("wire = \"pty\"", &poorer);
@@ -154,11 +155,11 @@ fn scatter_that_few_touches_may_show_is_told_with_its_bound() {
         rest.split(' ').next().unwrap().parse().unwrap()
     };
     let (seen, bound) = (number("scatters by "), number("not contradicted below "));
-    // 0.5 µm and steps of 1 µm: 0.58 µm; χ² of 10 degrees of freedom stays below 29.6 in 99.9 %.
+    // 0.5 µm and steps of 1 µm give 0.58 µm; χ² with 10 degrees of freedom is below 29.6 in 99.9 % of cases.
     assert!(0.5 < seen && seen < bound && (0.9..1.1).contains(&bound), "{line}");
 }
 
-/// A check's touches are a run like any other, and say so.
+/// The touches of a check are stored as a run of latch-delay.
 fn its_touches_stand_in_the_journal_as_a_run_of_latch_delay() {
     let folder = tempfile::tempdir().unwrap();
     let trued = |arguments: &[&str]| {

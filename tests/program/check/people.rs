@@ -1,4 +1,4 @@
-//! Whom a check asks, and what happens without them.
+//! Questions of a check to the operator, and its behaviour without an operator.
 
 use machine::Axis;
 use machine::record::question::{Answer, Jog, Question, Seen, Stylus};
@@ -31,7 +31,7 @@ pub fn without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at() {
     }
 }
 
-/// Says no to whatever moves; keeps what was asked.
+/// Refuses every motion; keeps the questions.
 struct Careful {
     bystander: Bystander,
     asked: Vec<Question>,
@@ -62,7 +62,7 @@ pub fn whoever_says_no_sees_nothing_move() {
     assert_eq!(summary.count(Verdict::Failed), 0, "{summary}");
 }
 
-/// Agrees to all, but answers what `but` says otherwise.
+/// Agrees to everything, except where `but` gives another answer.
 struct Otherwise<'a> {
     bystander: &'a mut Bystander,
     but: fn(&Question) -> Option<Answer>,
@@ -81,7 +81,7 @@ impl Person for Otherwise<'_> {
     }
 }
 
-/// The summary, how often it was asked whether something may move, and the bystander.
+/// Summary, number of questions for permission to move, and the simulated operator.
 fn otherwise(but: fn(&Question) -> Option<Answer>) -> (Summary, usize, Bystander) {
     let file = file();
     runtime().block_on(async {
@@ -103,7 +103,7 @@ pub fn with_a_probe_that_nobody_deflects_nothing_may_move() {
     assert_eq!(summary.count(Verdict::NotLookedAt), 4, "{summary}");
 }
 
-/// A sensor may still sit where the probe belongs.
+/// A sensor may still be mounted in place of the probe.
 pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
     let file =
         MachineFile::parse("laser.toml", include_str!("../../../config/laser.toml").to_owned());
@@ -126,7 +126,8 @@ pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
     assert!(told.contains("open at rest, closed while deflected, open again"), "{told}");
 }
 
-/// Answers so whether the probe sits in the spindle, as the bystander if not told how.
+/// Gives this answer to the question whether the probe is in the spindle; without an answer, that of the simulated
+/// operator.
 struct Asked {
     bystander: Bystander,
     answer: Option<Answer>,
@@ -154,7 +155,7 @@ pub fn whoever_leaves_while_an_axis_is_away_does_not_see_it_go_back() {
     assert_eq!(stands, Answer::Saw(Seen::AsSaid), "it is where it was left");
 }
 
-/// Somebody ends the check while it asks for the stylus.
+/// Ends the check when it requests the deflection of the stylus.
 struct Leaving(Stop);
 
 impl Person for Leaving {
@@ -184,7 +185,7 @@ pub fn regress_a_stop_while_nothing_moves_leaves_no_hold() {
     assert!(sent.contains("$I") && !sent.contains('!'), "{sent}");
 }
 
-/// Moves another axis by hand before it lets one go.
+/// Moves another axis by hand before the jog is allowed.
 struct Clumsy(Bystander);
 
 impl Person for Clumsy {

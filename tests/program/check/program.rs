@@ -1,4 +1,4 @@
-//! `trued check` as it is typed.
+//! `trued check` on the command line.
 
 use std::io::{BufRead as _, BufReader};
 use std::process::{Command, Output, Stdio};
@@ -28,7 +28,7 @@ impl Shop {
         command
     }
 
-    /// Of the machine file.
+    /// Checks the machine file.
     fn check(&self, words: &[&str]) -> Output {
         let file = self.0.path().join("machine.toml");
         let file = file.to_string_lossy();
@@ -95,7 +95,7 @@ pub fn with_a_real_control_and_no_terminal_nothing_moves_and_it_does_not_hang() 
 }
 
 pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
-    // To the introduction alone, and always.
+    // `$$` is refused only at the identification, or always.
     for refusals in [1, usize::MAX] {
         let runtime = runtime();
         let (address, control) = runtime.block_on(async {
@@ -120,7 +120,7 @@ pub fn regress_a_control_that_refuses_its_settings_is_a_failure() {
     }
 }
 
-/// The simulated control; the first `refusals` times it does not know `$$`.
+/// The simulated control; it rejects the first `refusals` requests of `$$`.
 async fn without_settings(listener: TcpListener, mut refusals: usize) {
     let file = MachineFile::parse("truth.toml", machine(&[])).unwrap();
     let world = Arc::new(Mutex::new(trued::setup::world(&file).unwrap()));
@@ -163,7 +163,7 @@ pub fn ctrl_c_holds_the_machine_and_ends_it_with_5() {
     let shop = Shop::new(&machine(&[]));
     let mut check = shop.command(&["--speed", "real"]).spawn().unwrap();
     let mut lines = BufReader::new(check.stdout.take().unwrap()).lines().map(Result::unwrap);
-    // The next axis is on its way, a second there and a second back.
+    // The next axis is moving, a second there and a second back.
     assert!(lines.any(|line| line.starts_with("axes    ok")), "no axis was looked at");
     std::thread::sleep(std::time::Duration::from_millis(600));
     let kill = format!("kill -INT {}", check.id());

@@ -20,7 +20,7 @@ const fn row(name: &'static str, check: fn() -> Summary, phrase: &'static str) -
 const LEAPS: &str = "counts on by more than one from most samples to the next";
 const SILENT: &str = "nothing came from the sensor within";
 
-/// Each in words that come up for no other.
+/// Each row has words that occur for no other mistake.
 pub const MISTAKES: &[Mistake] = &[
     row(
         "CAN: another bit rate",

@@ -1,5 +1,5 @@
-//! Displacement sensors to plant mistakes at. Frames, lines and registers are those of a data sheet that
-//! stands here alone.
+//! Displacement sensors for planted mistakes. Frames, lines and registers follow a data sheet that is used only
+//! here.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -22,7 +22,7 @@ const NOISE_UM: f64 = 0.5;
 pub const RATE_HZ: f64 = 1000.0;
 const COUNTS_PER_MM: f64 = 1e5;
 
-/// The built-in machine with a laser that is reached so.
+/// The built-in machine with a laser that has these connection keys.
 pub fn file(reached: &str) -> MachineFile {
     let text = format!(
         "{}\n[[sensor]]\nname = \"laser\"\nzero_mm = [0.0, 0.0, -150.0]\ndirection = [0.0, 0.0, -1.0]\n\
@@ -32,12 +32,12 @@ pub fn file(reached: &str) -> MachineFile {
     MachineFile::parse("machine.toml", text).unwrap()
 }
 
-/// Nothing moves: nobody is there.
+/// Checks without an operator: nothing moves.
 pub async fn looked_at(file: &MachineFile) -> Summary {
     through(file, &Site::new(file).unwrap(), &mut Nobody).await
 }
 
-/// Counts of a sample, `mm` away, with 0.3 µm of noise.
+/// Counts of a sample at `mm`, with 0.3 µm of noise.
 pub fn counts(number: u64, mm: f64) -> i32 {
     (mm * COUNTS_PER_MM) as i32 + (number * 37 % 101) as i32 - 50
 }
@@ -62,7 +62,7 @@ pub fn frame(number: u64, rate_hz: f64, count: u64, counts: i32) -> Frame {
     Frame::new(t_s, Id::new(0x181, false).unwrap(), &data)
 }
 
-/// A bus in this process, and what a machine file says of the sensor's frames.
+/// A bus in this process, and the machine file's description of the sensor's frames.
 #[derive(Debug)]
 struct Bus {
     sheet: String,
@@ -98,7 +98,7 @@ pub fn on_can(told: &[(&str, &str)], hears: fn() -> Result<Can, CanError>) -> Su
     runtime().block_on(looked_at(&file))
 }
 
-/// These frames, each with its number from 0 on, as soon as somebody takes them.
+/// These frames, each with its number from 0 on, as fast as they are read.
 pub fn frames(frame: fn(u64) -> Frame) -> Result<Can, CanError> {
     let mut number = 0;
     let next = move || {
@@ -120,13 +120,13 @@ pub fn sound() -> Result<Can, CanError> {
     frames(sound_frame)
 }
 
-/// A bus on which this is heard, and nothing else.
+/// A bus with exactly these events.
 pub fn hearing(said: Vec<Heard>) -> Result<Can, CanError> {
     let (say, heard) = mpsc::channel(8);
     for heard in said {
         say.try_send(heard).unwrap();
     }
-    // The bus lives on.
+    // The bus must stay open.
     std::mem::forget(say);
     Ok(Can::over("can0", heard))
 }
@@ -150,10 +150,10 @@ pub fn bytes(number: u64) -> Vec<u8> {
     vec![0xAA, 0x55, first, second, third, high, low]
 }
 
-/// So long between two of what is said.
+/// Period of the lines.
 const PERIOD: Duration = Duration::from_millis(2);
 
-/// A device on a pseudo-terminal that says this by itself, and what a machine file says of it.
+/// A device on a pseudo-terminal that sends this data without requests, and its description in a machine file.
 pub fn on_a_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
     runtime().block_on(async {
         let mut pty = link::pty().unwrap();
@@ -163,7 +163,7 @@ pub fn on_a_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
         let device = async {
             for number in 0.. {
                 let said = says(number);
-                // Nobody takes it any more.
+                // The reader has closed the port.
                 if pty.device.write_all(&said).await.is_err() {
                     break;
                 }
@@ -178,13 +178,12 @@ pub fn on_a_line(keys: &str, says: impl Fn(u64) -> Vec<u8>) -> Summary {
     })
 }
 
-/// As the program's side at 9600 baud hears who speaks at 115 200.
+/// Bytes sent at 115 200 baud as received at 9600 baud.
 pub fn too_fast(said: Vec<u8>) -> Vec<u8> {
     link::heard(&said.repeat(12), 115_200, 9600)
 }
 
-// Modbus: the simulated sensor. Input registers 0 status, 1 counter, 2 and 3 the distance in 10 nm, the low
-// word first.
+// Modbus: the simulated sensor. Input registers 0 status, 1 counter, 2 and 3 the distance in 10 nm, low word first.
 
 pub const MAP: &str = "counter = { register = 1, type = \"u16\" }\n\
                    value = { register = 2, type = \"i32\", order = \"cdab\", scale_mm = 1e-5 }\n";
@@ -204,7 +203,7 @@ pub fn on_modbus(told: &[(&str, &str)], rate_hz: f64) -> Summary {
     runtime().block_on(looked_at(&file(&format!("[sensor.modbus]\ntcp = \"{at}\"\n{map}"))))
 }
 
-/// The built-in machine with one thermometer more, at `at`.
+/// The built-in machine with an additional thermometer at `at`.
 pub fn with_thermometer(at: &str, scale_c: &str) -> MachineFile {
     let text = format!(
         "{}\n[[thermometer]]\nname = \"bed\"\n[thermometer.modbus]\ntcp = \"{at}\"\n\
@@ -214,14 +213,14 @@ pub fn with_thermometer(at: &str, scale_c: &str) -> MachineFile {
     MachineFile::parse("machine.toml", text).unwrap()
 }
 
-/// Something that says 21.5 in hundred thousandths.
+/// Checks a device whose register value is 21.5 in units of 1e-5.
 pub fn at_a_thermometer(scale_c: &str) -> Summary {
     let sense = Box::new(|| Sensed::Distance(21.5));
     let (at, _) = serve_on_tcp(Measures::AtItsRate, sense, 10.0).unwrap();
     runtime().block_on(looked_at(&with_thermometer(&at.to_string(), scale_c)))
 }
 
-/// A port where somebody takes connections and says nothing.
+/// A port that accepts connections and sends nothing.
 pub fn with_a_deaf_port(check: impl Fn(&str) -> MachineFile) -> Summary {
     let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let file = check(&listener.local_addr().unwrap().to_string());
@@ -230,7 +229,7 @@ pub fn with_a_deaf_port(check: impl Fn(&str) -> MachineFile) -> Summary {
     summary
 }
 
-/// LinuxCNC, and nobody where the positions of its axes are to be had.
+/// LinuxCNC without a server for the axis positions.
 pub fn without_sampler() -> Summary {
     let folder = tempfile::tempdir().unwrap();
     with_a_deaf_port(|address| {
@@ -244,7 +243,7 @@ pub fn without_sampler() -> Summary {
     })
 }
 
-/// However they are reached.
+/// Sound sensors on every kind of connection.
 pub fn sound_sensors_are_called_sound() {
     let slow = "rate_hz = 500.0\n";
     for (name, summary) in [
@@ -271,6 +270,6 @@ pub fn a_thermometer_that_answers_passes() {
     assert!(super::bench::failures(&summary).is_empty(), "{summary}");
     let told = summary.to_string();
     assert!(told.contains("thermometer bed (127.0.0.1:") && told.contains("): 21.50 °C"), "{told}");
-    // The built-in one, which feels the simulated machine.
+    // The built-in thermometer, which measures the simulated machine.
     assert!(told.contains("thermometer spindle (simulated): "), "{told}");
 }

@@ -1,4 +1,5 @@
-//! A run of `ball-plate` that is killed and stopped goes on to error motions that hold the truth.
+//! A run of `ball-plate` that is killed and stopped is resumed; the intervals of its error motions contain the true
+//! values.
 
 use serde_json::json;
 
@@ -14,7 +15,7 @@ const TRUTH: [(&str, f64); 5] =
 const AMPLITUDES: [(&str, usize, f64); 3] =
     [("EXC_spectrum", 2, 1.264_911), ("EYC_spectrum", 3, 1.0), ("ECC_spectrum", 1, 6.708_204)];
 
-/// One revolution, of fewer harmonics than the built-in machine has.
+/// One revolution, with fewer harmonics than the built-in machine.
 fn machine() -> String {
     let file = include_str!("../../../config/ball-plate.toml");
     let short = [
@@ -24,7 +25,7 @@ fn machine() -> String {
     changed(file, &short)
 }
 
-/// µm and µrad: a step at an interruption is fitted, and costs little.
+/// µm and µrad: the step at an interruption is fitted, which increases U only slightly.
 const MAX_EXPANDED: f64 = 3.0;
 
 pub fn a_run_that_is_killed_and_stopped_goes_on() {
@@ -41,7 +42,7 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
     for (symbol, truth) in TRUTH {
         let (value, expanded) = found(&estimate, symbol);
         println!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}");
-        // One draw of five: within three standard uncertainties.
+        // One of five seeds: the error is below three standard uncertainties.
         assert!((value - truth).abs() < 1.5 * expanded, "{symbol} {value} ± {expanded}, {truth}");
         assert!(expanded < MAX_EXPANDED, "{symbol} {value} ± {expanded}");
     }

@@ -1,10 +1,10 @@
-//! A run captured, and replayed without its machine.
+//! A captured run, and its replay without the machine.
 
 use serde_json::Value;
 
 use super::{MachineShop, changed, estimate, figures, machine, stderr};
 
-/// `trued run` with these, and its standard output as JSON.
+/// Runs `trued run` with these arguments; its standard output is JSON.
 fn run(shop: &MachineShop, more: &[&str]) -> std::process::Output {
     let file = shop.file("machine.toml");
     let arguments = ["run", "self-calibration", "--json", "--machine", &file];
@@ -17,7 +17,7 @@ pub fn a_captured_run_replays_to_the_same_figures_without_the_machine() {
         let capture = shop.file("a.capture");
         let measured = run(&shop, &["--capture", &capture]);
         assert_eq!(measured.status.code(), Some(0), "{}", stderr(&measured));
-        // The machine is another one now: what comes out is what was captured.
+        // The machine file now describes another machine: the result must be that of the capture.
         let text = std::fs::read_to_string(shop.file("machine.toml")).unwrap();
         let other = text.replace("seed = 1", "seed = 2");
         assert_ne!(text, other);
@@ -53,7 +53,7 @@ pub fn a_capture_that_does_not_fit_is_told_in_words() {
             assert!(stderr(&replayed).contains(word), "{word}: {}", stderr(&replayed));
         }
     };
-    // The fortieth touch goes elsewhere.
+    // Change the target of the fortieth touch.
     let (at, line) = text
         .match_indices('\n')
         .filter_map(|(at, _)| {
@@ -73,9 +73,8 @@ pub fn a_capture_that_does_not_fit_is_told_in_words() {
     assert!(stderr(&none).contains("No such file"), "{}", stderr(&none));
 }
 
-/// `tests/data/linuxcnc/`: a short self-calibration of the real LinuxCNC 2.9 on the rig of
-/// `tests/peers/linuxcnc`, its estimate as it was printed then, and the machine file. The true axis stood at
-/// 50 and -30 µm.
+/// `tests/data/linuxcnc/`: a short self-calibration of the real LinuxCNC 2.9 on the rig of `tests/peers/linuxcnc`,
+/// its estimate as printed then, and the machine file. The true axis was at 50 and -30 µm.
 pub fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
     let data = |name: &str| {
         let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/linuxcnc/");
@@ -102,14 +101,14 @@ pub fn a_talk_that_linuxcnc_had_replays_to_its_estimate_without_linuxcnc() {
     assert_eq!(then.len(), now.len());
     for ((symbol, then), (same, now)) in then.iter().zip(&now) {
         assert_eq!(symbol, same);
-        // The touches carry the time of the capture instead of the computer's: the drift is another, by
-        // milliseconds.
+        // The touches have the times of the capture instead of the computer's: the drift correction differs, by
+        // milliseconds of time.
         assert!((then - now).abs() < 1e-4, "{symbol}: {then}, now {now}");
     }
     assert_eq!((&*then[0].0, &*then[1].0), ("EX0C", "EY0C"));
     assert!((then[0].1 - 50.0).abs() < 1.0 && (then[1].1 + 30.0).abs() < 1.0, "{then:?}");
 
-    // A program or an answer that is another one is seen.
+    // A changed program or answer is detected.
     let refused = |from: &str, to: &str, words: &str| {
         let spoilt = talk.replacen(from, to, 1);
         assert_ne!(spoilt, talk, "{from}");

@@ -1,4 +1,4 @@
-//! `trued compare`: two runs of one machine, and what is no comparison.
+//! `trued compare`: two runs of one machine, and runs that cannot be compared.
 
 use serde_json::Value;
 
@@ -8,7 +8,7 @@ fn number(of: &Value, key: &str) -> f64 {
     of[key].as_f64().unwrap_or(f64::INFINITY)
 }
 
-/// Another seed is another machine: what agrees is for the numerical tests.
+/// Another seed is another machine; the numerical tests check the agreement.
 pub fn two_runs_are_compared() {
     let shop = MachineShop::new(&machine());
     let first = estimate(&shop.run());
@@ -49,7 +49,7 @@ pub fn what_is_no_comparison_is_refused_with_the_way_on() {
         &refused("2"),
         &["run 2 by latch-delay", "take two runs that identify the same quantities"],
     );
-    // Equal bytes: nothing differs.
+    // A run compared with itself: no differences.
     let same = shop.trued(&["compare", "1", "1"]);
     let same = String::from_utf8(same.stdout).unwrap();
     assert!(!same.contains("differs") && same.contains("parameters agree"), "{same}");

@@ -1,4 +1,4 @@
-//! Faults, rehearsed by hand: in the machine file, and on a bad wire.
+//! Rehearsed faults: in the machine file, and on a bad wire.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
@@ -33,7 +33,7 @@ pub fn regress_a_fault_that_is_misspelt_is_told_with_its_line() {
     }
 }
 
-/// A seed whose first harm is a cut in the middle of the run, after `from` lines.
+/// A seed whose first fault is a cut in the middle of the run, after `from` lines.
 fn cut_after(from: u64) -> u64 {
     let first = |seed: u64, direction: Direction| {
         BadWire::to_rehearse(seed).schedule(direction).next().expect("it never ends")

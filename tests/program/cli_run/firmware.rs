@@ -1,5 +1,5 @@
-//! The simulated control on a TCP port of this test, at the pace of a real machine. Everything that
-//! it is sent can be heard.
+//! The simulated control on a TCP port of this test, in real time. The test receives a copy of all bytes sent to
+//! it.
 
 use std::net::SocketAddr;
 use std::sync::mpsc::{Receiver, Sender, channel};
@@ -17,7 +17,7 @@ pub struct Control {
     pub address: SocketAddr,
     heard: Receiver<Vec<u8>>,
     server: JoinHandle<String>,
-    /// All bytes so far.
+    /// All bytes received so far.
     pub bytes: Vec<u8>,
     pub world: Arc<Mutex<World>>,
 }
@@ -47,7 +47,7 @@ impl Control {
         Self { address: address.recv().unwrap(), heard, server, bytes: Vec::new(), world }
     }
 
-    /// Wait until `words` were sent.
+    /// Waits until `words` have been received.
     pub fn wait_for(&mut self, words: &str) {
         while !self.text().contains(words) {
             let more = self.heard.recv();
@@ -55,7 +55,7 @@ impl Control {
         }
     }
 
-    /// Wait until its status was asked for `count` times more; each was answered before the next.
+    /// Waits until the status has been requested `count` more times; each request was answered before the next.
     pub fn wait_for_queries(&mut self, count: usize) {
         let queries = |bytes: &[u8]| bytes.iter().filter(|byte| **byte == b'?').count();
         self.bytes.extend(self.heard.try_iter().flatten());
@@ -65,7 +65,7 @@ impl Control {
         }
     }
 
-    /// Whether a line of a step has come by now.
+    /// Whether a line of a step has been received by now.
     pub fn has_moved(&mut self) -> bool {
         self.bytes.extend(self.heard.try_iter().flatten());
         self.text().contains("N0 ")
@@ -75,14 +75,14 @@ impl Control {
         String::from_utf8_lossy(&self.bytes).into_owned()
     }
 
-    /// Once the client has gone: all that it sent, and what the control says of itself.
+    /// After the client has disconnected: all bytes that it sent, and the status of the control.
     pub fn end(mut self) -> (Vec<u8>, String) {
         self.bytes.extend(self.heard.iter().flatten());
         (self.bytes, self.server.join().unwrap())
     }
 }
 
-/// Pass on what the client says, until it goes; then ask for the status.
+/// Forwards the client's bytes until it disconnects; then requests the status.
 async fn serve(mut firmware: Firmware, client: TcpStream, tell: Sender<Vec<u8>>) -> String {
     let (near, far) = tokio::io::duplex(4096);
     let (served, ()) = tokio::join!(firmware.serve(far), pass_on(client, near, tell));
@@ -106,7 +106,7 @@ async fn pass_on(client: TcpStream, control: DuplexStream, tell: Sender<Vec<u8>>
         let mut buffer = [0; 1024];
         // A client that was killed may reset the connection.
         while let Ok(count @ 1..) = from_client.read(&mut buffer).await {
-            // The test may have heard enough.
+            // The test may have stopped listening.
             let _ = tell.send(buffer[..count].to_vec());
             to_control.write_all(&buffer[..count]).await.unwrap();
         }
@@ -114,7 +114,7 @@ async fn pass_on(client: TcpStream, control: DuplexStream, tell: Sender<Vec<u8>>
     };
     let answers = async move {
         let _ = tokio::io::copy(&mut from_control, &mut to_client).await;
-        // What nobody reads any more.
+        // Drains output that has no reader.
         let _ = tokio::io::copy(&mut from_control, &mut tokio::io::sink()).await;
     };
     tokio::join!(requests, answers);

@@ -1,4 +1,4 @@
-//! The program as a person has it: one command, its output, its journal.
+//! The program as a user runs it: one command, its output, its journal.
 
 use std::process::Output;
 
@@ -35,7 +35,7 @@ fn with_control(file: &str, control: &str) -> String {
     changed(file, &[("kind = \"simulated\"", control), ("wire = \"memory\"", "")])
 }
 
-/// Each `from` occurs as the beginning of a line.
+/// Replaces lines; each `from` is the beginning of a line.
 fn changed(file: &str, changes: &[(&str, &str)]) -> String {
     let mut text = file.to_owned();
     for (from, to) in changes {
@@ -45,21 +45,20 @@ fn changed(file: &str, changes: &[(&str, &str)]) -> String {
     text
 }
 
-/// Each of the words is told.
+/// Asserts that standard error contains each of the words.
 fn tells(output: &Output, words: &[&str]) {
     for word in words {
         assert!(stderr(output).contains(word), "{word} in {}", stderr(output));
     }
 }
 
-/// The estimate of a run that ended well.
+/// The estimate of a successful run.
 fn estimate(output: &Output) -> Value {
     assert_eq!(output.status.code(), Some(0), "{}", stderr(output));
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
-/// The estimate without what it was made from: where no thermometer is there, readings and their hash have no
-/// temperatures.
+/// The estimate without its provenance: without a thermometer, readings and their hash have no temperatures.
 fn figures(output: &Output) -> Value {
     let mut estimate = estimate(output);
     estimate.as_object_mut().unwrap().remove("provenance").unwrap();

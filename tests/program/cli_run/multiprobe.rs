@@ -1,4 +1,5 @@
-//! `trued run multiprobe`: a person at the terminal, mountings of the artefact, stops within and between them.
+//! `trued run multiprobe`: an operator at the terminal, mountings of the artefact, stops during and between
+//! mountings.
 
 use std::io::{BufRead as _, BufReader, Read as _};
 use std::process::{Command, Output, Stdio};
@@ -26,7 +27,7 @@ fn machine() -> String {
     changed(file, &short)
 }
 
-/// Ends when it has said each of `words`, one after the other, by a signal or by `KILL`.
+/// Ends the run by a signal or by `KILL` after it has printed each of `words` in order.
 fn ended(mut command: Command, words: &[&str], name: &str) -> Output {
     let command = person::confirms(&mut command).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut run = command.spawn().unwrap();
@@ -59,7 +60,7 @@ pub fn a_run_that_is_killed_and_stopped_goes_on() {
     for (symbol, truth) in TRUTH {
         let (value, expanded) = found(&estimate, symbol);
         println!("{symbol} {value:.3} ± {expanded:.3}, truly {truth}");
-        // One draw of five: within three standard uncertainties.
+        // One of five seeds: the error is below three standard uncertainties.
         assert!((value - truth).abs() < 1.5 * expanded, "{symbol} {value} ± {expanded}, {truth}");
     }
     assert_eq!(shop.states(), ["finished"]);
@@ -74,9 +75,9 @@ pub fn an_artefact_that_stands_off_is_to_be_centred_first() {
     let run = ["run", "multiprobe", "--json", "--machine", &shop.machine()];
     let run = ended(shop.command(&run), &["centring, once more", "Centre the artefact"], "INT");
     assert_eq!(run.status.code(), Some(5), "{}", stderr(&run));
-    // As the table stands after whole revolutions: opposite to where the artefact is.
+    // The table orientation after whole revolutions, opposite to that of the artefact.
     let told = stderr(&run);
-    // A log is not filled with what the sensors read meanwhile.
+    // The live values of the sensors are not written to a log.
     assert!(!told.contains("to go"), "{told}");
     for words in ["section 1 by X -12", "µm, Y -4", "Limit 20 µm"] {
         assert!(told.contains(words), "{words}: {told}");

@@ -1,4 +1,5 @@
-//! The probe before and during a run: does it live, is it switched on, are the clamps closed.
+//! The probe before and during a run: whether it responds, whether it is switched on, whether the clamps are
+//! closed.
 
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, ChildStderr, Command, Stdio};
@@ -15,7 +16,7 @@ fn over(control: &Control, file: &str) -> MachineShop {
     MachineShop::new(&with_control(file, &address))
 }
 
-/// The run waits for a person's hand.
+/// Starts a run and waits until it requests the deflection of the stylus.
 fn waiting(shop: &MachineShop) -> (Child, BufReader<ChildStderr>) {
     let mut run = shop.run_command();
     let mut run = run.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
@@ -85,13 +86,13 @@ pub fn probe_and_clamps_are_switched_as_declared() {
     let run = shop.run();
     assert_eq!(run.status.code(), Some(0), "{}", stderr(&run));
     let (mut bytes, _) = control.end();
-    // What asks for a report stands between lines.
+    // Status requests can occur between the bytes of lines.
     bytes.retain(|byte| !matches!(byte, b'?' | 0x87));
     let heard = String::from_utf8(bytes).unwrap();
     let program: Vec<&str> = heard.lines().filter(|line| !line.starts_with('$')).collect();
     let file = MachineFile::parse("machine.toml", file).unwrap();
     let dialect = Dialect::named("grbl").unwrap().with(&file.machine, &file.probe).unwrap();
-    // The reader refuses a probing move with the probe off or a clamp open, and C while it is closed.
+    // The reader rejects a probing move with the probe off or a clamp open, and a C move while the clamp is closed.
     let motions = dialect.read_back(&program.join("\n")).unwrap();
     assert!(motions.len() > 62 * 4, "{} motions", motions.len());
     let touches = shop.exported_steps().len();

@@ -1,8 +1,9 @@
-//! A probe is qualified, and later runs with it take the map off.
+//! A probe is qualified, and later runs with it subtract its map.
 
 use super::{MachineShop, changed, estimate, tells};
 
-/// The same probe in the same machine; two directions of a revolution less than the map's orders need are not enough.
+/// The same probe in the same machine; two directions fewer per revolution than the orders of the map need are not
+/// enough.
 const SMALL: &str = "azimuths = 14\nrepeats = 2\nspindle_deg = [0.0]";
 
 pub fn a_later_run_takes_off_the_map_of_its_own_probe() {

@@ -1,10 +1,10 @@
-//! Nothing moves unproven: what a person sees of it.
+//! The proof before each motion, and its messages to the user.
 
 use serde_json::Value;
 
 use super::{MachineShop, changed, estimate, machine, stderr, tells};
 
-/// A clamp on the table, in the way of the first approach and lower than the part.
+/// A clamp on the table, in the path of the first approach and lower than the part.
 const CLAMP: &str = "\n[[solid]]\nname = \"clamp\"\non = \"table\"\n\
                      from_mm = [46, -10, 0]\nto_mm = [70, 10, 80]\n";
 
@@ -14,7 +14,7 @@ pub fn regress_a_plan_says_what_comes_nearest_and_the_program_stands_alone() {
     let plan = ["plan", "self-calibration", "--machine", &file];
     let program = shop.trued(&[&plan[..], &["--gcode", "grbl"]].concat());
     assert_eq!(program.status.code(), Some(0), "{}", stderr(&program));
-    // The ball's radius less the stem's, less what the ball goes on after contact.
+    // The ball's radius minus the stem's, minus the overtravel of the ball after contact.
     let proven = "motions; nothing comes nearer than 1.35 mm: stylus stem and artefact, line 52, \
                   step 1 (locate/P000)";
     assert!(stderr(&program).contains(proven), "{}", stderr(&program));
@@ -43,7 +43,8 @@ pub fn regress_what_would_collide_is_refused_with_step_line_and_bodies() {
     assert!(shop.exported_steps().is_empty());
 }
 
-/// The machine's own file says nothing of stylus and solids: measured all the same, and told.
+/// The machine file states neither stylus nor solids: the run is measured all the same, and the report names what
+/// was not checked.
 pub fn regress_the_report_draws_the_clearances_and_names_what_was_not_looked_at() {
     let bare = changed(&machine(), &[("stem_radius_mm = 1.5", "stem_radius_mm = 0.0")]);
     let shop = MachineShop::new(&bare);

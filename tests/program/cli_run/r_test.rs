@@ -1,4 +1,4 @@
-//! `trued run r-test`: a person at the terminal clamps sphere and nest.
+//! `trued run r-test`: an operator at the terminal clamps sphere and nest.
 
 use serde_json::Value;
 

@@ -1,4 +1,4 @@
-//! What comes out of a run, and comes out again.
+//! The results of a run, and their reproduction from stored data.
 
 use std::path::Path;
 
@@ -33,7 +33,7 @@ pub fn regress_exported_readings_identify_to_the_stored_bytes() {
     assert_eq!(String::from_utf8(shown.stdout).unwrap(), run);
 }
 
-/// The bound: a machine whose file states no source has U(EX0C) of 3 µm at most.
+/// Without any declared source, U(EX0C) is at most 3 µm.
 pub fn what_nobody_has_declared_is_assumed_and_marked() {
     let sources = [
         "drift_um_per_h",
@@ -93,7 +93,7 @@ pub fn regress_two_heights_find_the_tilts_of_the_axis() {
 pub fn regress_what_a_control_cannot_do_is_refused_before_it_moves() {
     let follows = machine() + "spindle = \"follow\"\n";
     let bench = GrblControl::start(&follows);
-    // A plain grbl has no word that orients the spindle.
+    // A plain grbl has no word to orient the spindle.
     let control = format!("kind = \"grbl\"\ntcp = \"{}\"", bench.address);
     let shop = MachineShop::new(&with_control(&follows, &control));
     let refused = shop.run();
@@ -113,7 +113,7 @@ pub fn regress_a_stored_run_is_identified_again_and_keeps_its_first_estimate() {
     let tight = shop.file("tight.toml");
     let judged =
         shop.trued(&["identify", "self-calibration", "--run", "1", "--json", "--machine", &tight]);
-    // The axis stands 50 um off: far outside 1 um.
+    // The axis is 50 µm off: far beyond the tolerance of 1 µm.
     assert_eq!(judged.status.code(), Some(3), "{}", stderr(&judged));
     let journal = trued::store::Journal::open(Path::new(&shop.file("state"))).unwrap();
     let stored = journal.load(trued::store::RunId(1)).unwrap();

@@ -1,4 +1,4 @@
-//! A run that goes on after a stop, or must not.
+//! Runs that may be resumed after a stop, and runs that must not.
 //!
 //! Steps of the built-in machine's cycle: 0–4 locate the part; 5–8 are the references R0 (0°, 90°,
 //! 180°, Z); then Tests 1a (9–16), R1 (17–20), 1b (21–28), R2, 1c, R3, 2 (45–52), R4, 3 (57–64), R5.
@@ -11,15 +11,16 @@ use super::stops::signal;
 use super::{MachineShop, changed, estimate, machine, stderr, tells, with_control};
 use crate::support::grbl_control::GrblControl;
 
-/// Where the C axis of the built-in machine truly stands, µm (drift moves it by less than 0.5 µm).
+/// True position of the C axis of the built-in machine, µm (drift changes it by less than 0.5 µm).
 const TRUTH_UM: [(&str, f64); 2] = [("EX0C", 50.0), ("EY0C", -30.0)];
 
-/// A run on `bench`, stopped when it sends `words` (several in their order, with commas): by a signal, or by `KILL`.
+/// A run on `bench` that is ended when it sends `words` (several in order, separated by commas): by a signal, or by
+/// `KILL`.
 fn stopped(bench: &GrblControl, command: std::process::Command, words: &str, name: &str) -> Output {
     ended(bench, command, words, name).0
 }
 
-/// The same, with all that it has sent.
+/// Like [`stopped`], with all bytes that the run has sent.
 pub fn ended(
     bench: &GrblControl,
     mut command: std::process::Command,
@@ -31,7 +32,7 @@ pub fn ended(
     bench.wait(&mut run);
     signal(&run, name);
     let (ended, heard) = (run.wait_with_output().unwrap(), bench.heard());
-    // What was held stays held until a person resets it; a killed run held nothing.
+    // A held control stays held until a person resets it; a killed run held nothing.
     bench.reset();
     (ended, heard)
 }
@@ -58,23 +59,24 @@ pub fn found(estimate: &Value, symbol: &str) -> (f64, f64) {
     (one["value"].as_f64().unwrap(), one["U"].as_f64().unwrap())
 }
 
-/// The resumed estimate against the truth and against the same machine measured in one go.
+/// Compares the resumed estimate with the truth and with an uninterrupted run on the same machine.
 fn agrees(resumed: &Value) {
     let whole = estimate(&MachineShop::new(&machine()).run());
     for (symbol, truth) in TRUTH_UM {
         let (value, expanded) = found(resumed, symbol);
         let (uninterrupted, u_whole) = found(&whole, symbol);
-        // One draw: within three standard uncertainties.
+        // One seed: the error is below three standard uncertainties.
         let most = 1.5 * expanded;
         assert!((value - truth).abs() < most, "{symbol}: {value} ± {expanded}");
         let apart = (value - uninterrupted).abs();
         assert!(apart < most, "{symbol}: {value} and {uninterrupted} ± {expanded}");
-        // A step that is fitted costs something, but not much.
+        // The fitted step increases U, but not by much.
         assert!(expanded >= u_whole && expanded < 1.6 * u_whole, "{symbol}: {expanded} {u_whole}");
     }
 }
 
-/// Error motions of C that the machine does not have: 8 µm along X in the eighth harmonic, 1 at all eight positions.
+/// Error motions of C that the machine does not have: 8 µm along X in the eighth harmonic, which is at its maximum
+/// at all eight positions.
 fn eighth_harmonic() -> Value {
     let degrees: Vec<f64> = (0..=72).map(|i| 5.0 * f64::from(i)).collect();
     let values: Vec<f64> = degrees.iter().map(|deg| 8.0 * (8.0 * deg).to_radians().cos()).collect();
@@ -90,7 +92,7 @@ fn eighth_harmonic() -> Value {
     })
 }
 
-/// What a run takes as known is kept with it: stopped and resumed, and where it is identified once more.
+/// Known error motions are stored with the run: they are used again by a resumed run and by a new identification.
 pub fn a_resumed_run_takes_as_known_what_it_began_with() {
     let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
@@ -108,7 +110,7 @@ pub fn a_resumed_run_takes_as_known_what_it_began_with() {
     }
 }
 
-/// The steps that were sent to touch something, in order, once each.
+/// Steps of the probing moves that were sent, in order, without duplicates.
 pub fn touched(heard: &str) -> Vec<u32> {
     let lines = heard.lines().filter(|line| line.contains("G38.3"));
     let steps = lines.filter_map(|line| line.split_once('N')?.1.split(' ').next()?.parse().ok());
@@ -127,7 +129,7 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     let listed = shop.trued(&["runs"]);
     assert_eq!(advised(&String::from_utf8_lossy(&listed.stdout)), advised(&stderr(&held)));
 
-    // Nobody has acknowledged it: the machine does not hear of it.
+    // Without an acknowledgement no byte is sent to the machine.
     let refused = shop.command(&["resume", "1"]).stdin(Stdio::null()).output().unwrap();
     assert_eq!(refused.status.code(), Some(2), "{}", stderr(&refused));
     tells(&refused, &["held on request", "nothing has moved", "--acknowledge"]);
@@ -139,8 +141,8 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     let rest: Vec<u32> = [17, 18, 19, 20].into_iter().chain(25..69).collect();
     let heard = bench.heard();
     assert_eq!(touched(&heard), rest);
-    // The first approach after the stop is as slow as a search, the next is not; until three directions
-    // are confirmed nothing is fast.
+    // The first approach after the stop is as slow as a search, the next is not; until three directions are
+    // confirmed, all motion is slow.
     let lines = |step: &str| -> Vec<&str> {
         heard.lines().filter(|line| line.trim_start_matches('?').starts_with(step)).collect()
     };
@@ -155,7 +157,7 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     for words in ["held: held on request", "acknowledged by Ada", "resumed after a gap at t = "] {
         assert!(told.contains(words), "{words} in {told}");
     }
-    // The gap travels with the plan: the same estimate from the journal, and from files.
+    // The gap is stored with the plan: the estimate from the journal and from files is the same.
     let again = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
     assert_eq!(again.stdout, resumed.stdout, "{}", stderr(&again));
     let file = |name: &str| shop.file(&format!("export/run-1-{name}"));
@@ -178,7 +180,7 @@ pub fn a_stopped_run_goes_on_with_its_references_and_gives_the_same_estimate() {
     assert!(stderr(&twice).contains("nothing to resume"), "{}", stderr(&twice));
 }
 
-/// Killed in a test, killed again while the references are measured, stopped in another test.
+/// Killed during a test, killed again while the references are measured, stopped during another test.
 pub fn a_run_survives_any_number_of_ends() {
     let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
@@ -192,14 +194,14 @@ pub fn a_run_survives_any_number_of_ends() {
     let warnings = estimate(&resumed)["warnings"].to_string();
     assert_eq!(warnings.matches("a step was fitted").count(), 2, "{warnings}");
     assert!(warnings.contains("2 readings stand between interruptions"), "{warnings}");
-    // 69 of the cycle, two references, then four twice.
+    // 69 readings of the cycle, two references, then twice four.
     assert_eq!(shop.exported_steps().len(), 69 + 2 + 4 + 4);
     let plan = std::fs::read_to_string(shop.file("export/run-1-plan.json")).unwrap();
     let plan: Value = serde_json::from_str(&plan).unwrap();
     assert_eq!(plan["gaps_s"].as_array().unwrap().len(), 3);
 }
 
-/// The control is still held: no move, and the run stays resumable.
+/// The control is still held: no motion, and the run remains resumable.
 pub fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
     let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
@@ -217,7 +219,7 @@ pub fn a_control_that_is_not_ready_refuses_and_the_run_stays() {
     assert_eq!(resume(&shop).status.code(), Some(0));
 }
 
-/// The built-in machine with its part pushed by 20 µm along Y.
+/// The built-in machine with its part moved by 20 µm along Y.
 fn pushed() -> String {
     changed(&machine(), &[("centre_offset_mm = [0.8, -0.5]", "centre_offset_mm = [0.8, -0.48]")])
 }
@@ -227,7 +229,7 @@ pub fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
     let shop = shop(&bench);
     stopped(&bench, shop.run_command(), "N62 G38.3", "INT");
     bench.become_another(&pushed());
-    // Killed after the moved reference was read, before it was judged: it is judged all the same.
+    // Killed after the moved reference was read, before it was compared: it is compared all the same.
     stopped(&bench, resume_command(&shop), "N56 G38.3", "KILL");
     let refused = resume(&shop);
     assert_eq!(refused.status.code(), Some(1), "{}", stderr(&refused));
@@ -246,7 +248,7 @@ pub fn a_part_that_moved_closes_the_run_and_what_was_measured_stays() {
     assert_eq!(again.status.code(), Some(1), "{}", stderr(&again));
     assert!(stderr(&again).contains("run 1 is closed"), "{}", stderr(&again));
 
-    // Test 3 lacks three touches: enough is known without them.
+    // Test 3 lacks three touches: the remaining readings are sufficient.
     let identified = shop.trued(&["identify", "self-calibration", "--run", "1", "--json"]);
     let known = estimate(&identified);
     for (symbol, truth) in TRUTH_UM {
@@ -292,8 +294,8 @@ pub fn another_machine_file_is_another_run() {
     assert_eq!(shop.states(), ["held"]);
 }
 
-/// The cycle is measured twice; the second pass is interrupted. Its steps are told from those of the
-/// first, and from the references after the stop.
+/// The cycle is measured twice; the second pass is interrupted. Its steps are distinguished from those of the first
+/// pass, and from the references after the stop.
 pub fn a_later_pass_goes_on_as_well() {
     let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
@@ -308,11 +310,11 @@ pub fn a_later_pass_goes_on_as_well() {
     }
     let rest: Vec<u32> = [17, 18, 19, 20].into_iter().chain(25..69).collect();
     assert_eq!(touched(&bench.heard()), rest);
-    // Located once, twice the cycle, the references.
+    // Locating once, the cycle twice, then the references.
     assert_eq!(shop.exported_steps().len(), 5 + 2 * 64 + 4);
 }
 
-/// X and Z were seen, Y was not: a part that moved in Y would not be found out.
+/// X and Z were measured, Y was not: a part that moved along Y would not be detected.
 pub fn some_of_the_references_are_not_enough() {
     let bench = GrblControl::start(&machine());
     let shop = shop(&bench);
@@ -323,8 +325,8 @@ pub fn some_of_the_references_are_not_enough() {
     assert_eq!(shop.states(), ["closed"]);
 }
 
-/// Nobody has said how touches repeat, and only one reference was touched twice before the stop: the
-/// references are touched twice after it, and 20 µm are found out all the same.
+/// The repeatability is not declared, and only one reference was touched twice before the stop: the references are
+/// touched twice after it, and a shift of 20 µm is still detected.
 pub fn references_tell_themselves_how_they_repeat() {
     let unknown = |file: &str| changed(file, &[("repeatability_um = 0.5", "")]);
     for (after, state, readings) in [(machine(), "finished", 69 + 8), (pushed(), "closed", 18 + 8)]
@@ -340,7 +342,7 @@ pub fn references_tell_themselves_how_they_repeat() {
     }
 }
 
-/// The command line that is printed for `resume`.
+/// The `resume` command line in the message.
 fn advised(told: &str) -> String {
     let mut quoted = told.split('`').skip(1).step_by(2);
     quoted.find(|quoted| quoted.contains("resume")).unwrap_or_else(|| panic!("{told}")).to_owned()
@@ -357,7 +359,7 @@ pub fn a_control_that_lost_its_position_must_be_homed() {
     assert_eq!(advised(&stderr(&ended)), advised(&stderr(&refused)));
     let listed = shop.trued(&["runs"]);
     assert_eq!(advised(&String::from_utf8_lossy(&listed.stdout)), advised(&stderr(&refused)));
-    // Pasted into a shell.
+    // Run the printed command in a shell.
     let command = advised(&stderr(&refused)).replacen("trued", env!("CARGO_BIN_EXE_trued"), 1);
     let pasted = std::process::Command::new("sh").args(["-c", &command]).output().unwrap();
     let shown = String::from_utf8(shop.trued(&["show", "1"]).stdout).unwrap();

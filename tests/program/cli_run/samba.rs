@@ -1,5 +1,5 @@
-//! Balls instead of a round part: a run of `samba` that is killed, stopped and goes on, told by the
-//! program's own words; the stages of a design, not one cycle.
+//! Balls instead of a round part: a run of `samba` that is killed, stopped and resumed, checked by the program's
+//! own output. It has the stages of a design, not one cycle.
 
 use std::collections::BTreeMap;
 use std::process::{Command, Output};
@@ -26,7 +26,7 @@ fn run_command(shop: &MachineShop) -> Command {
     shop.command(&["run", "samba", "--json", "--machine", &shop.file("machine.toml")])
 }
 
-/// Number and label of each step of the printed plan: the same as those of a run.
+/// Number and label of each step of the printed plan, identical to those of a run.
 fn steps(shop: &MachineShop) -> Vec<(u32, String)> {
     let machine = shop.file("machine.toml");
     let plan: Value = serde_json::from_slice(
@@ -39,13 +39,13 @@ fn steps(shop: &MachineShop) -> Vec<(u32, String)> {
     plan["steps"].as_array().unwrap().iter().map(step).collect()
 }
 
-/// The steps from `first` on whose labels begin so.
+/// The steps from `first` on whose labels start with `begin`.
 fn with_label(steps: &[(u32, String)], begin: &str, first: u32) -> Vec<u32> {
     let ours = steps.iter().filter(|(id, label)| *id >= first && label.starts_with(begin));
     ours.map(|(id, _)| *id).collect()
 }
 
-/// As [`ended`], when the program begins `step`.
+/// Like [`ended`], when the program begins `step`.
 fn ended_at(bench: &GrblControl, command: Command, step: u32, signal: &str) -> (Output, Vec<u32>) {
     let (output, heard) = ended(bench, command, &format!("N{step} G38.3"), signal);
     (output, touched(&heard))
@@ -58,7 +58,7 @@ pub fn a_run_over_balls_survives_kills_and_stops() {
     let steps = steps(&shop);
     let references = with_label(&steps, "reference/001/", 0);
     let (all, middle) = (steps.len() as u32, with_label(&steps, "reference/002/", 0)[0]);
-    // In the middle of a ball, each in another stage.
+    // In the middle of a ball, each time in a different stage.
     let search = with_label(&steps, "find/", references[4])[7];
     let slow = with_label(&steps, "slow/", search)[6];
     let last = with_label(&steps, "slow/", slow)[18];
@@ -86,7 +86,7 @@ pub fn a_run_over_balls_survives_kills_and_stops() {
     stored_run_tells_the_same(&shop, &resumed);
 }
 
-/// The same machine measured in one go.
+/// Compares with an uninterrupted run on the same machine.
 fn agrees(resumed: &Value) {
     let whole = estimate(&run_command(&MachineShop::new(&machine())).output().unwrap());
     for parameter in whole["parameters"].as_array().unwrap() {
@@ -108,7 +108,7 @@ fn stored_run_tells_the_same(shop: &MachineShop, resumed: &Output) {
     assert!(report.contains("EX0C") && report.contains("<svg"), "a report without its figures");
 }
 
-/// The first searches come before the references: what is said is what is then done.
+/// The first searches come before the references: the message agrees with the later behaviour.
 pub fn a_stop_before_the_references_says_that_the_run_is_over() {
     let bench = GrblControl::start(&machine());
     let shop = shop(&bench);

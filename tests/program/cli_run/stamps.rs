@@ -1,4 +1,4 @@
-//! Scans in motion on a control that does not stamp where its axes stand.
+//! Scans in motion on a control that does not report time-stamped axis positions.
 
 use super::{MachineShop, tells};
 
@@ -10,6 +10,6 @@ pub fn a_scan_in_motion_is_refused_before_anything_moves_where_nothing_is_stampe
     let run = shop.trued(&["run", "laser-r-test", "--json", "--machine", &machine]);
     assert_eq!(run.status.code(), Some(1), "{run:?}");
     tells(&run, &["does not stamp where its axes stand", "dwell points", "[controller.sampler]"]);
-    // Refused, and not held on the way.
+    // The run is refused before it starts, not held midway.
     assert_eq!(shop.states(), ["failed"]);
 }

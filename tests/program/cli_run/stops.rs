@@ -1,4 +1,4 @@
-//! A run that does not come to its end: by Ctrl-C, SIGTERM, kill -9.
+//! A run that is ended early: by Ctrl-C, SIGTERM, kill -9.
 
 use std::process::{Child, Command, Stdio};
 
@@ -25,7 +25,7 @@ fn in_mid_touch(control: &mut Control) -> (MachineShop, Child) {
     (shop, run)
 }
 
-/// A step is sent when the reading before it is durable. How many readings are there.
+/// Checks that each sent step follows a durable reading; returns the number of readings.
 fn all_kept(shop: &MachineShop, sent: &[u8]) -> u32 {
     let steps = shop.exported_steps();
     let count = steps.len() as u32;
@@ -69,7 +69,7 @@ pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
     let mut control = Control::start(&machine());
     let (shop, mut run) = in_mid_touch(&mut control);
 
-    // While it lives, it alone has the machine.
+    // While the process lives, no other process can use the machine.
     let second = shop.run();
     assert_eq!(second.status.code(), Some(1), "{}", stderr(&second));
     let holder = format!("in use by process {}", run.id());
@@ -79,7 +79,7 @@ pub fn regress_a_killed_run_is_interrupted_and_its_readings_kept() {
     run.kill().unwrap();
     run.wait().unwrap();
     let (bytes, _) = control.end();
-    // The next start on the same machine, whatever comes of it.
+    // The next start on the same machine, whatever its result.
     std::fs::write(shop.file("machine.toml"), machine()).unwrap();
     let next = shop.run();
     assert_eq!(next.status.code(), Some(0), "{}", stderr(&next));

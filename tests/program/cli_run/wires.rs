@@ -1,4 +1,4 @@
-//! The same simulated machine behind different wires.
+//! The same simulated machine on different wires.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Child, Command, Stdio};

@@ -11,11 +11,11 @@ use crate::support::http::{HttpClient, MACHINE};
 
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// What a listener was told at most.
+/// Largest values that a listener has received.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Heard {
     pub run: u64,
-    /// Of that run.
+    /// Number of measured steps of that run.
     pub measured: u64,
 }
 
@@ -31,7 +31,7 @@ impl Heard {
     }
 }
 
-/// Somebody who reads the events.
+/// A client that reads the event stream.
 pub struct Listener {
     heard: Arc<Mutex<Heard>>,
     reader: JoinHandle<()>,
@@ -54,7 +54,7 @@ impl Listener {
         Self { heard, reader }
     }
 
-    /// Sooner or later.
+    /// Waits until an event of this run has been received.
     pub fn has_heard_of(&self, run: u64) {
         let began = Instant::now();
         while self.heard.lock().unwrap().run < run {
@@ -63,7 +63,7 @@ impl Listener {
         }
     }
 
-    /// Everything that came, once the other end is gone.
+    /// The last values, after the connection has closed.
     pub fn end(self) -> Heard {
         self.reader.join().unwrap();
         *self.heard.lock().unwrap()

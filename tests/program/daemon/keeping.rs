@@ -1,4 +1,4 @@
-//! A copy while the daemon measures, a check before it begins, what is counted, and what may go.
+//! A backup while the daemon measures, a configuration check before it starts, metrics, and retention.
 
 use std::process::Output;
 
@@ -12,7 +12,7 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Taken in mid-run: whole, up to what was measured by then; as a journal it serves.
+/// A backup during a run is complete up to the readings of that time, and is a usable journal.
 pub fn a_copy_is_taken_in_mid_run() {
     let shop = MachineShop::new(&served_machine(""));
     let daemon = shop.serve("real");
@@ -42,7 +42,7 @@ pub fn a_copy_is_taken_in_mid_run() {
     assert!(said(&nothing).contains("there is none"), "{}", said(&nothing));
 }
 
-/// What `ExecStartPre` asks: nothing is opened, nothing is made, and the daemon may live meanwhile.
+/// The check of `ExecStartPre`: it opens and creates nothing, and a daemon may run meanwhile.
 pub fn a_configuration_is_checked_before_it_serves() {
     let shop = MachineShop::new(&served_machine(""));
     let machine = shop.path("machine.toml").display().to_string();
@@ -87,17 +87,17 @@ pub fn what_happens_is_counted() {
     assert_eq!(told("state", ",state=\"waiting\""), 1.0);
     assert_eq!(told("state", ",state=\"running\""), 0.0);
     assert!(told("progress_age_seconds", "") < 60.0);
-    // Each reading is a job of the writer at least.
+    // Each reading is at least one job of the writer.
     let jobs = value(&metrics, "trued_journal_write_seconds_count");
     assert!(jobs > told("readings_total", ""), "{jobs}");
     let version = format!("trued_build_info{{version=\"{}\"}}", env!("CARGO_PKG_VERSION"));
     assert_eq!(value(&metrics, &version), 1.0);
-    // Two reasons more with their heading, and nothing else, however many runs there were.
+    // Two additional outcomes with their heading, and nothing else, independent of the number of runs.
     assert_eq!(metrics.lines().count(), lines + 4);
     assert!(metrics.ends_with("# EOF\n"));
 }
 
-/// By the journal's own dates: of a run of long ago the samples go, while the daemon waits.
+/// By the dates in the journal: the samples of an old run are deleted while the daemon is idle.
 pub fn samples_go_when_their_time_is_over_and_nothing_else() {
     let shop = MachineShop::new(served_machine("").split("[serve.http]").next().unwrap());
     let file = shop.path("trued.toml");

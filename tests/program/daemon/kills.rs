@@ -1,5 +1,5 @@
-//! SIGKILL at any moment of a cycle that the daemon measures. The simulated control lives in this process
-//! and sees every line: what is durable, and that nothing moves before a person has acknowledged.
+//! SIGKILL at random moments of a cycle that the daemon measures. The simulated control lives in this process and
+//! receives every line: the tests check durability, and that nothing moves before an operator has acknowledged.
 
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -33,7 +33,7 @@ fn machine(witness: &RecordingControl) -> String {
     machine.replacen(wire, &tcp, 1).replacen("\nwire = \"memory\"", "", 1)
 }
 
-/// Four journals at once, each with its share: most of the time nothing must happen.
+/// Four journals in parallel, each with its share of the kills: most of the time is waiting.
 fn kills(count: u64, seed: u64) {
     const SHOPS: u64 = 4;
     let share = |shop: u64| move || in_one_shop((shop..count).step_by(SHOPS as usize), seed);
@@ -46,8 +46,8 @@ fn kills(count: u64, seed: u64) {
     assert!(in_mid_run * 2 > count, "{in_mid_run} of {count} kills met a run");
 }
 
-/// All in one journal, so that each daemon finds what the dead have left. How many runs it holds then,
-/// and how many of them died in their midst.
+/// All kills in one journal, so that each daemon starts with the state that the killed one left. Returns the number
+/// of runs in the journal, and of those killed during a run.
 fn in_one_shop(kills: impl Iterator<Item = u64>, seed: u64) -> (usize, u64) {
     let shop = MachineShop::new("");
     let (witness, daemon) = serve(&shop);
@@ -62,7 +62,7 @@ fn in_one_shop(kills: impl Iterator<Item = u64>, seed: u64) -> (usize, u64) {
         let bytes = random.random_range(0..=whole);
         let pause = Duration::from_micros(random.random_range(0..5_000));
         let (heard, record) = killed(witness, daemon, bytes, pause);
-        // It waits for a person where a run is unfinished.
+        // The daemon waits for an acknowledgement if a run is unfinished.
         (witness, daemon) = serve(&shop);
         stays_silent(&witness);
         in_mid_run += u64::from(examine(&shop, &daemon, (heard, &record), &mut known));
@@ -73,7 +73,7 @@ fn in_one_shop(kills: impl Iterator<Item = u64>, seed: u64) -> (usize, u64) {
     (known, in_mid_run)
 }
 
-/// Neither by itself nor by an acknowledgement.
+/// Asserts that neither the daemon itself nor an acknowledgement causes motion.
 fn stays_silent(witness: &RecordingControl) {
     const LONG: Duration = Duration::from_secs(1);
     let (began, mut silent) = (Instant::now(), false);
@@ -91,7 +91,7 @@ fn serve(shop: &MachineShop) -> (RecordingControl, DaemonProcess) {
     (witness, daemon)
 }
 
-/// One cycle, killed after `bytes` went over the wire and `pause`.
+/// One cycle, killed when `bytes` have passed the wire and `pause` has elapsed.
 fn killed(
     witness: RecordingControl,
     mut daemon: DaemonProcess,
@@ -100,7 +100,7 @@ fn killed(
 ) -> (Heard, Record) {
     let listener = Listener::connect(daemon.http());
     assert_eq!(daemon.http().start(1), 202);
-    // All of it may have gone over the wire: then the daemon dies while it computes, or waits again.
+    // All bytes may already have passed the wire: the daemon is then killed while it computes, or while it is idle.
     let (client, began) = (daemon.http(), Instant::now());
     witness.wait_for(bytes, || {
         began.elapsed() > Duration::from_secs(1) && client.machine()["state"] == "waiting"
@@ -110,7 +110,8 @@ fn killed(
     (listener.end(), witness.end())
 }
 
-/// What the dead has left, as the next daemon finds it; whether it died in mid-run.
+/// Checks the state that the killed daemon left, as the next daemon finds it; returns whether the kill was during a
+/// run.
 fn examine(
     shop: &MachineShop,
     daemon: &DaemonProcess,
@@ -132,7 +133,7 @@ fn examine(
         return false;
     };
     assert_kept(run.id, &journal.load(run.id).unwrap().readings, heard, record);
-    // Measured, and perhaps not identified: nothing waits for a person.
+    // Measured, but perhaps not identified: no acknowledgement is needed.
     if !run.state.is_resumable() {
         assert_eq!(state, "waiting");
         return false;
@@ -144,7 +145,8 @@ fn examine(
     !record.touches().is_empty()
 }
 
-/// Nothing lost: neither what the control was asked for after it, nor what was shown to somebody.
+/// Asserts that no reading is lost: neither one after which the control got another request, nor one that a client
+/// received.
 fn assert_kept(run: RunId, readings: &[Reading], heard: Heard, record: &Record) {
     let (count, touches) = (readings.len(), record.touches());
     if i64::try_from(heard.run) == Ok(run.0) {

@@ -1,6 +1,6 @@
-//! What journald would hear: a socket in its place, in a mount namespace of the daemon's own, read by the words of
-//! systemd's "Native Journal Protocol". Without the right to mount (root) this is skipped; with
-//! `TRUED_REQUIRE_PEERS=1` it fails.
+//! Messages to journald: a socket replaces it, in a separate mount namespace of the daemon, decoded by systemd's
+//! "Native Journal Protocol". Without the right to mount (root) the tests are skipped; with `TRUED_REQUIRE_PEERS=1`
+//! they fail.
 
 use std::collections::BTreeSet;
 use std::os::unix::net::UnixDatagram;
@@ -15,18 +15,18 @@ use serde_json::json;
 use trued::store::{Journal, RunId};
 
 const PATIENCE: Duration = Duration::from_secs(60);
-/// As systemd does it: standard error is the journal's, and the program is told which file that is.
+/// As under systemd: standard error is the journal's, and an environment variable identifies that file.
 const SCRIPT: &str = "mount -t tmpfs none /run && mkdir -p /run/systemd/journal && \
                       mount --bind \"$0\" /run/systemd/journal && \
                       export JOURNAL_STREAM=$(stat -L -c %d:%i /proc/self/fd/2) && exec \"$@\"";
 
-/// The simulated control restarts on the way.
+/// The simulated control restarts during the run.
 const RESET: &str = "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 3\n";
 
 /// Name and value of each field.
 type Entry = Vec<(String, String)>;
 
-/// `NAME=value`, or the name, the value's length in eight bytes, and the value; a line each.
+/// `NAME=value`, or the name, the value's length in eight bytes, and the value; one field per line.
 fn entry(mut bytes: &[u8]) -> Entry {
     let mut fields = Vec::new();
     while let Some(end) = bytes.iter().position(|byte| *byte == b'\n') {
@@ -63,7 +63,7 @@ impl Journald {
         heard
     }
 
-    /// The entry whose message begins so, once it has come.
+    /// Waits for the entry whose message starts with `words`.
     fn until(&self, words: &str) -> Entry {
         let began = Instant::now();
         loop {
@@ -91,7 +91,7 @@ fn may_mount() -> bool {
     may
 }
 
-/// With a journald of its own.
+/// Starts the daemon with a separate journald socket.
 fn serve(shop: &MachineShop, speed: &str) -> (DaemonProcess, Journald) {
     let folder = shop.path("journald");
     std::fs::create_dir(&folder).unwrap();
@@ -102,14 +102,14 @@ fn serve(shop: &MachineShop, speed: &str) -> (DaemonProcess, Journald) {
     let child = command.arg("--state").arg(shop.state()).stderr(Stdio::piped()).spawn().unwrap();
     let daemon = DaemonProcess { child, log: Arc::default() };
     let page = journald.until("the page is at http://127.0.0.1:");
-    // Standard error is not written where journald listens.
+    // Nothing is written to standard error if journald is connected.
     let message = field(&page, "MESSAGE").unwrap();
     daemon.log.lock().unwrap().push_str(&format!("{message}\n"));
     journald.until("ready");
     (daemon, journald)
 }
 
-/// Each step that the journal knows stands there with its run's number, and as what it is.
+/// Each step in the run's journal has a log entry with the number of its run and the type of the step.
 pub fn each_step_is_found_by_its_run() {
     if !may_mount() {
         println!("skipped, for this is not root");
@@ -129,18 +129,18 @@ pub fn each_step_is_found_by_its_run() {
     let mut told = BTreeSet::new();
     for (step, entry) in steps {
         assert_eq!(field(entry, "TRUED_MACHINE"), Some("simulated five-axis machine"));
-        // Informational: beneath what the daemon says to everybody.
+        // Informational: below the daemon's regular messages.
         assert_eq!(field(entry, "PRIORITY"), Some("6"), "{entry:?}");
         told.insert(step.to_owned());
     }
     assert!(told.is_superset(&measured), "{told:?} {measured:?}");
 }
 
-/// Priorities of syslog.
+/// Syslog priorities.
 const ERR: Option<&str> = Some("3");
 const NOTICE: Option<&str> = Some("5");
 
-/// A hold comes from the page's thread, and is found by the run that it held; it is no fault.
+/// A hold comes from the thread of the page and is found by the number of the run that it held; it is not a fault.
 pub fn a_hold_is_found_by_its_run_and_a_fault_by_its_priority() {
     if !may_mount() {
         println!("skipped, for this is not root");

@@ -1,5 +1,5 @@
-//! `trued serve` as it lives for years: what systemd hears of it, killed at any moment, run after run, copied
-//! while it measures; and the units that it is installed with.
+//! `trued serve` in long-term operation: notifications to systemd, kills at random moments, many runs in sequence,
+//! backups during a run; and its systemd units.
 
 mod event_listener;
 mod keeping;

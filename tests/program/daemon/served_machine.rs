@@ -8,7 +8,7 @@ const SERVE: &str = "[serve]\nmin_interval_s = 0.0\n\
                      [serve.http]\nlisten = \"127.0.0.1:0\"\n";
 const SHORT: &str = "[method.self-calibration]\nmonte_carlo_trials = 100\npositions = 5\n";
 
-/// The built-in machine with few touches, and what may be started; `before`: other keys of [serve].
+/// The built-in machine with few touches and its cycles; `before`: other keys of [serve].
 pub fn served_machine(before: &str) -> String {
     let machine = built_in_machine();
     format!("{machine}\n{SHORT}{}", SERVE.replacen("[serve]\n", &format!("[serve]\n{before}"), 1))

@@ -1,4 +1,4 @@
-//! Run after run, with somebody reading all the while: what it needs does not grow.
+//! Many runs in sequence while clients read: the use of resources does not grow.
 
 use super::event_listener::Listener;
 use super::served_machine::served_machine;
@@ -8,11 +8,11 @@ use crate::support::machine_shop::MachineShop;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-/// After the first tenth of the runs.
+/// Maximum growth of memory after the first tenth of the runs.
 const GROWTH_KIB: u64 = 5 * 1024;
 const IDLE_KIB: u64 = 40 * 1024;
 const ALLOCATED_KIB: u64 = 16 * 1024;
-/// Of a core.
+/// Maximum load while idle, share of a core.
 const IDLE_LOAD: f64 = 0.01;
 
 pub fn fifty_runs_need_no_more_than_five() {
@@ -39,22 +39,22 @@ fn soak(runs: u64, readers: usize) {
     let (before, after) = (first.iter().max().unwrap(), rest.iter().max().unwrap());
     println!("{runs} runs, {readers} readers: at most {before} KiB at first, then {after}");
     assert!(*after <= before + GROWTH_KIB, "{resident:?}");
-    // Idle is what it is after all of that, with its readers and its journal.
+    // Idle load after all runs, with the readers and the journal.
     let load = idle_load(&daemon, Duration::from_secs(10));
     let idle = daemon.memory_kib("VmRSS");
     let allocated = daemon.memory_kib("RssAnon");
     println!("idle for 10 s: {idle} KiB ({allocated} allocated), {:.2} % of a core", load * 100.0);
     assert!(allocated < ALLOCATED_KIB, "{allocated} KiB allocated while it waits");
-    // The code of a development build alone is larger than that of the program that is installed.
+    // The code of a development build alone is larger than the release program.
     assert!(cfg!(debug_assertions) || idle < IDLE_KIB, "{idle} KiB while it waits");
     assert!(load < IDLE_LOAD, "{load}");
     assert_eq!(daemon.http().machine()["state"], "waiting");
 }
 
-/// To its end; and what a page would ask for then.
+/// Runs one cycle to its end, and requests the same data as a page.
 fn one(client: HttpClient, run: u64) {
     let cycle = if run % 5 == 1 { 1 } else { 2 };
-    // Who asks as often as this is told to wait.
+    // Repeats the start as long as the answer is 429 (too many requests).
     while client.start(cycle) == 429 {
         sleep(Duration::from_millis(100));
     }
@@ -65,7 +65,7 @@ fn one(client: HttpClient, run: u64) {
     client.text("/metrics");
 }
 
-/// User and system time of the process over `time`, of /proc/PID/stat.
+/// User and system time of the process over `time`, from /proc/PID/stat.
 fn idle_load(daemon: &DaemonProcess, time: Duration) -> f64 {
     /// `sysconf(_SC_CLK_TCK)` on every Linux that this runs on.
     const TICKS_PER_S: f64 = 100.0;

@@ -1,4 +1,4 @@
-//! What systemd sees: a socket that takes its place.
+//! Notifications to systemd, received by a socket in its place.
 
 use std::os::unix::net::UnixDatagram;
 use std::path::Path;
@@ -12,11 +12,11 @@ use crate::support::daemon_process::DaemonProcess;
 use crate::support::machine_shop::MachineShop;
 use rusqlite::Connection;
 
-/// As in `WatchdogSec=`.
+/// Value of `WatchdogSec=`.
 const WATCHDOG: Duration = Duration::from_secs(3);
 const PATIENCE: Duration = Duration::from_secs(120);
 
-/// Reads at once whatever comes, as systemd does.
+/// Reads every notification at once, as systemd does.
 struct Systemd(Receiver<String>);
 
 impl Systemd {
@@ -47,7 +47,7 @@ impl Systemd {
         self.0.recv_timeout(time).ok()
     }
 
-    /// Until it comes; all that came.
+    /// Waits for a notification; returns all that were received.
     fn until(&self, word: &str) -> Vec<String> {
         let (began, mut heard) = (Instant::now(), Vec::new());
         while began.elapsed() < PATIENCE {
@@ -59,7 +59,7 @@ impl Systemd {
         panic!("no {word} in {heard:?}");
     }
 
-    /// Of what has come so far, and for `time` longer.
+    /// Whether a watchdog notification has been received so far, or is received within `time`.
     fn is_fed_within(&self, time: Duration) -> bool {
         let began = Instant::now();
         let mut fed = false;
@@ -96,7 +96,7 @@ pub fn systemd_is_told_how_it_goes_and_misses_a_daemon_that_stands_still() {
     assert_eq!(daemon.http().start(1), 202);
     systemd.until("STATUS=simulated five-axis machine: run 1, ");
     daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
-    // As `systemctl stop` does it; the unit takes 5 for success.
+    // As `systemctl stop` does it; the unit treats exit code 5 as success.
     assert_eq!(daemon.terminate(), 5);
     systemd.until("STOPPING=1");
     let resumed = shop.trued(&["resume", "1"]);
@@ -108,8 +108,8 @@ pub fn systemd_is_told_how_it_goes_and_misses_a_daemon_that_stands_still() {
     assert_eq!(daemon.terminate(), 0);
 }
 
-/// The disk that the journal lies on does not answer, here because somebody has locked it: the worker waits,
-/// everything else lives. The watchdog is not fed, and the machine is held.
+/// The disk of the journal does not respond, here because the database is locked: the worker waits, while all other
+/// threads run. The watchdog is not fed, and the machine is held.
 pub fn a_worker_that_hangs_is_fed_for_by_nobody() {
     let shop = MachineShop::new(&served_machine("patience_s = 1.0\n"));
     let (daemon, systemd) = supervised(&shop, "fast");
@@ -117,7 +117,7 @@ pub fn a_worker_that_hangs_is_fed_for_by_nobody() {
     let journal = Connection::open(shop.state().join("journal.sqlite")).unwrap();
     journal.execute_batch("BEGIN IMMEDIATE").unwrap();
     let client = daemon.http();
-    // What it is answered waits for the journal as well.
+    // The response waits for the journal as well.
     let start = std::thread::spawn(move || client.start(1));
     let began = Instant::now();
     while !daemon.log().contains("the watchdog is fed no more") {
@@ -126,7 +126,7 @@ pub fn a_worker_that_hangs_is_fed_for_by_nobody() {
     }
     systemd.forget();
     assert!(!systemd.is_fed_within(WATCHDOG));
-    // It lives all the while.
+    // The daemon still responds.
     assert_eq!(daemon.http().machine()["state"], "running");
     journal.execute_batch("ROLLBACK").unwrap();
     systemd.until("WATCHDOG=1");

@@ -1,21 +1,21 @@
-//! `systemd/` as systemd itself reads it. Without `systemd-analyze` these are skipped; with
+//! `systemd/` as systemd itself parses it. Without `systemd-analyze` these tests are skipped; with
 //! `TRUED_REQUIRE_PEERS=1` they fail.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 const UNITS: [&str; 3] = ["trued.service", "trued-cycle@.service", "trued-cycle@.timer"];
-/// That they refer to.
+/// Targets to which the units refer.
 const TARGETS: [&str; 7] =
     ["sysinit", "basic", "shutdown", "timers", "network-online", "time-sync", "multi-user"];
-/// Of 10; as `systemd-analyze security` adds it up.
+/// Maximum exposure level of `systemd-analyze security`, of 10.
 const EXPOSED: f64 = 2.0;
 
 fn folder() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("systemd")
 }
 
-/// `None`: it is not installed, and need not be.
+/// `None`: it is not installed, and is not required.
 fn analyze(arguments: &[&str]) -> Option<Output> {
     let output = Command::new("systemd-analyze").args(arguments).output();
     let required = std::env::var("TRUED_REQUIRE_PEERS").is_ok_and(|value| value == "1");
@@ -33,7 +33,7 @@ fn said(output: &Output) -> String {
     [&output.stdout, &output.stderr].map(|said| String::from_utf8_lossy(said).into_owned()).concat()
 }
 
-/// A system that has the units, and the program where they look for it.
+/// A root directory with the units, and the program at the path in the units.
 fn system() -> tempfile::TempDir {
     let root = tempfile::tempdir().unwrap();
     let (units, programs) = ("etc/systemd/system", "usr/bin");
@@ -62,7 +62,7 @@ pub fn the_units_are_understood() {
     let root = system();
     let Some(output) = verified(root.path()) else { return };
     assert!(output.status.success() && said(&output).is_empty(), "{}", said(&output));
-    // A slip would have been seen.
+    // Check that an error is detected.
     let unit = root.path().join("etc/systemd/system/trued.service");
     let text = std::fs::read_to_string(&unit).unwrap();
     for (right, wrong) in [("WatchdogSec=30s", "WatchdogSec=often"), ("ExecStart=", "ExecStrat=")] {
@@ -87,7 +87,7 @@ pub fn the_services_are_hardened() {
     }
 }
 
-/// What the unit says and what the program does.
+/// The commands in the unit agree with those of the program.
 pub fn the_unit_calls_what_there_is() {
     let unit = std::fs::read_to_string(folder().join("trued.service")).unwrap();
     let calls: Vec<Vec<&str>> = unit
@@ -97,7 +97,7 @@ pub fn the_unit_calls_what_there_is() {
         .collect();
     assert_eq!(calls.len(), 2);
     for call in calls {
-        // Each word that is no value is told by the program's own help.
+        // Each option is listed in the program's help.
         let help = Command::new(env!("CARGO_BIN_EXE_trued")).args([call[0], "--help"]).output();
         let help = said(&help.unwrap());
         let options: Vec<_> = call.iter().filter(|word| word.starts_with("--")).collect();
@@ -106,8 +106,8 @@ pub fn the_unit_calls_what_there_is() {
     assert!(unit.contains("Type=notify\n") && unit.contains("SuccessExitStatus=5\n"));
 }
 
-/// A timer starts no daemon that somebody has stopped; and what an adapter needs that is plugged in later is there
-/// before the daemon.
+/// A timer does not start a stopped daemon; the kernel modules of adapters that are plugged in later are loaded
+/// before the daemon starts.
 pub fn the_units_need_what_they_need_and_start_nothing_else() {
     let of = |unit: &str, keys: &[&str]| -> Vec<String> {
         let text = std::fs::read_to_string(folder().join(unit)).unwrap();

@@ -1,4 +1,4 @@
-//! Disks that fill up, fail, come up short or are slow: `tests/peers/faulty_disk/shim.c` stands
+//! Disks that are full, fail, write partially or are slow: `tests/peers/faulty_disk/shim.c` intercepts the calls
 //! between the program and its journal.
 
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ pub fn shim(folder: &Path) -> PathBuf {
     library
 }
 
-/// A whole run on a disk as `faults` say.
+/// A whole run on a disk with these `faults`.
 fn run(bench: &Bench, faults: &[(&str, String)]) -> (Output, Record) {
     let (shim, disk) = (shim(bench.folder.path()), bench.disk());
     bench.run_whole(|command| {
@@ -60,8 +60,8 @@ fn effort() -> (Effort, Vec<u8>) {
     (effort, output.stdout)
 }
 
-/// The run ends with `code` and `words`; everything acknowledged is there, nothing moves afterwards,
-/// the next start finds the run held or interrupted.
+/// The run ends with `code` and `words`; every acknowledged reading is stored, nothing moves afterwards, and the
+/// next start finds the run held or interrupted.
 fn stops_cleanly(whole: &Effort, fault: &str, at: u64, words: &[&str]) {
     let bench = Bench::new();
     let (output, record) = run(&bench, &[(fault, at.to_string())]);
@@ -72,7 +72,7 @@ fn stops_cleanly(whole: &Effort, fault: &str, at: u64, words: &[&str]) {
         record.touches().len()
     );
     let code = output.status.code();
-    // All was measured, and what came of it cannot be kept: nothing was stopped.
+    // Everything was measured, but the result cannot be stored: nothing was stopped.
     let unkept = record.touches().len() == whole.touches && code == Some(1);
     assert!(unkept || code == Some(if moved { 5 } else { 1 }), "{fault}={at}: {code:?} {told}");
     assert!(output.stdout.is_empty(), "{fault}={at}: an estimate in spite of everything");
@@ -87,7 +87,7 @@ fn stops_cleanly(whole: &Effort, fault: &str, at: u64, words: &[&str]) {
     match bench.states().as_slice() {
         [] => assert!(!moved, "moved without a run in the journal"),
         [state] => {
-            // All was measured, and the last word could not be written.
+            // Everything was measured, but the final state could not be written.
             let complete = ["not identified", "finished"].contains(&state.as_str());
             let complete = complete && bench.readings(1).len() == whole.touches;
             let states = if moved { ["held", "interrupted"] } else { ["failed", "interrupted"] };
@@ -118,8 +118,8 @@ pub fn a_full_or_failing_disk_stops_the_run_cleanly() {
     });
 }
 
-/// Bytes written when the transaction that keeps the estimate of a whole run is half done: another run may write a
-/// page more or less before it.
+/// Number of bytes written in the middle of the transaction that stores the estimate of a whole run. The middle,
+/// because another run may write a page more or less before it.
 fn amid_the_estimate() -> u64 {
     let bench = Bench::new();
     let log = bench.path("disk.log");
@@ -140,11 +140,11 @@ fn amid_the_estimate() -> u64 {
     panic!("no estimate was written");
 }
 
-/// As each estimate begins.
+/// First bytes of each estimate.
 const ESTIMATE: &[u8] = b"{\"trued_estimate\":";
 
-/// All is measured and kept, but for what was found: that is told, nothing is stopped, and it is found again once
-/// there is room.
+/// All readings are stored, but the estimate is not: this is reported, nothing is stopped, and the estimate can be
+/// computed again once there is space.
 pub fn a_disk_that_is_full_after_the_last_touch_costs_the_estimate_alone() {
     let (whole, found) = effort();
     let full = amid_the_estimate();

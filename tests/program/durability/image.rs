@@ -1,6 +1,5 @@
-//! What a disk may hold after a cut of the power, from the log that the shim has kept: everything
-//! that was synced, and of the rest any part, in any order, torn at the borders of sectors. A name
-//! is synced with its folder, never with its file.
+//! Possible disk contents after a power cut, from the shim's log: everything that was synced, and any part of the
+//! rest, in any order, torn at sector boundaries. A name is synced with its folder, never with its file.
 
 use std::collections::BTreeMap;
 use std::io::Read;
@@ -13,7 +12,7 @@ const SECTOR: usize = 512;
 
 #[derive(Debug, Clone)]
 pub enum Event {
-    /// A file that was there was opened, or a new one made, and has this number from now on.
+    /// An existing file was opened or a new one created; it has this number from now on.
     Open {
         id: u32,
         path: PathBuf,
@@ -44,7 +43,7 @@ pub enum Event {
     SyncFolder {
         path: PathBuf,
     },
-    /// Bytes that leave the program on a socket.
+    /// Bytes that the program sent on a socket.
     Send {
         data: Vec<u8>,
     },
@@ -52,7 +51,7 @@ pub enum Event {
     Print,
 }
 
-/// The shim's log.
+/// Reads the shim's log.
 pub fn events(log: &Path) -> Vec<Event> {
     let bytes = std::fs::read(log).unwrap();
     let mut rest = bytes.as_slice();
@@ -98,10 +97,10 @@ enum Node {
     File(u32),
 }
 
-/// A name that is there from now on, or no more.
+/// A name that was created or removed.
 type Change = (PathBuf, Option<Node>);
 
-/// What of a write fits into one sector, or a new length.
+/// The part of a write in one sector, or a new length.
 #[derive(Debug, Clone)]
 enum Piece {
     Data { at: usize, data: Vec<u8> },
@@ -120,12 +119,12 @@ pub struct Disk {
     files: BTreeMap<u32, File>,
     synced: BTreeMap<PathBuf, Node>,
     pending: Vec<Change>,
-    /// Contents of the files that were there at the start.
+    /// Contents of the files that existed at the start.
     base: BTreeMap<PathBuf, Vec<u8>>,
 }
 
 impl Disk {
-    /// As `folder` stands, all of it synced; `root` is what the log calls it.
+    /// The content of `folder`, all of it synced; `root` is its path in the log.
     pub fn of(folder: &Path, root: &Path) -> Self {
         let mut disk = Self {
             root: root.to_owned(),
@@ -201,10 +200,10 @@ impl Disk {
         synced.into_iter().for_each(|change| rename(change, &mut self.synced));
     }
 
-    /// Write to `folder` what is left when the power goes now.
+    /// Writes to `folder` what remains if the power fails now.
     pub fn cut(&self, random: &mut impl RngExt, folder: &Path) {
         let mut names = self.synced.clone();
-        // A journalling file system keeps the order of its names.
+        // A journalling file system keeps the order of name changes.
         let done = random.random_range(0..=self.pending.len());
         let chance = [0.0, 0.5, 1.0][random.random_range(0..3)];
         self.pending[..done].iter().cloned().for_each(|change| rename(change, &mut names));

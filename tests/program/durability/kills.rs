@@ -1,4 +1,4 @@
-//! SIGKILL at any moment of a run.
+//! SIGKILL at random moments of a run.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ pub fn two_hundred_kills_lose_nothing_that_was_acknowledged() {
     kills(200, 2);
 }
 
-/// All in one journal, so that each run finds what the dead have left.
+/// All kills in one journal, so that each run starts with the state that the killed one left.
 fn kills(count: usize, seed: u64) {
     let (whole, record) = Bench::new().run_whole(|_| {});
     assert_eq!(whole.status.code(), Some(0), "{}", super::said(&whole));
@@ -33,7 +33,8 @@ fn kills(count: usize, seed: u64) {
     assert!(in_mid_run * 2 > count, "{in_mid_run} of {count} kills met a run");
 }
 
-/// One run, killed after `bytes` went over the wire and `pause`. How it ended, and its touches.
+/// One run, killed when `bytes` have passed the wire and `pause` has elapsed; returns its state and the number of
+/// its touches.
 fn killed(bench: &Bench, bytes: usize, pause: Duration, begun: &mut usize) -> (String, usize) {
     let witness = RecordingControl::start();
     let mut run = bench.run(&witness.address()).spawn().unwrap();

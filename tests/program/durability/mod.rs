@@ -1,6 +1,6 @@
-//! What was acknowledged stays: the real program, killed at any moment, on disks that fill up and
-//! fail, and after a cut of the power. The independent witness is the simulated control, which runs
-//! in this process: a touch that it was asked for proves that the one before is durable.
+//! Acknowledged readings are durable: the real program, killed at random moments, on disks that are full or fail,
+//! and after a power cut. The independent witness is the simulated control in this process: a request for a touch
+//! proves that the previous one is durable.
 
 use crate::support::harness::{Pool, Trials, trials};
 use std::path::{Path, PathBuf};
@@ -49,14 +49,14 @@ impl Bench {
         command
     }
 
-    /// A run over the control at `address`.
+    /// A run with the control at `address`.
     fn run(&self, address: &str) -> Command {
         let machine = self.path("machine.toml");
         std::fs::write(&machine, witness::machine(address)).unwrap();
         self.command(&["run", "self-calibration", "--json", "--machine", machine.to_str().unwrap()])
     }
 
-    /// A run to its end, whatever that is.
+    /// Runs to the end, successful or not.
     fn run_whole(&self, prepare: impl FnOnce(&mut Command)) -> (Output, Record) {
         let witness = RecordingControl::start();
         let mut command = self.run(&witness.address());
@@ -65,7 +65,7 @@ impl Bench {
         (output, witness.end())
     }
 
-    /// The next command that takes the machine's lock. Nobody is at its control.
+    /// The next command that takes the machine's lock. There is no control at its address.
     fn next_start(&self) {
         let refused = self.run("127.0.0.1:1").output().unwrap();
         assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
@@ -94,7 +94,7 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// What SQLite itself says of a copy of the journal, and the checksums of its rows.
+/// Checks a copy of the journal with SQLite's integrity check and the checksums of its rows.
 fn assert_whole(state: &Path) {
     let copy = tempfile::tempdir().unwrap();
     for end in ["", "-wal", "-journal"] {
@@ -110,8 +110,8 @@ fn assert_whole(state: &Path) {
     journal_rows::assert_sealed(&database);
 }
 
-/// Nothing lost, nothing invented: each reading is a touch that the control made, and at most the
-/// touch in hand is not kept.
+/// Asserts that no reading is lost or invented: each reading is a touch that the control made, and at most the
+/// current touch is not stored.
 fn assert_kept(readings: &[Reading], record: &Record) {
     let touches = record.touches();
     let (kept, made) = (readings.len(), touches.len());

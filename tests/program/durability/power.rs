@@ -1,5 +1,5 @@
-//! The power goes. The shim's log says what the program wrote and synced, and in between what it
-//! sent to the machine: a line of the next step says that the reading before it is durable.
+//! Power cuts. The shim's log contains the program's writes and syncs and, in between, the bytes it sent to the
+//! machine: a line of the next step means that the previous reading is durable.
 
 use std::path::Path;
 
@@ -19,7 +19,7 @@ pub fn a_thousand_cuts_of_the_power_lose_nothing_that_was_acknowledged() {
     cuts(1000, 2);
 }
 
-/// Half of them in the first run of a journal, which makes it, half in a later one.
+/// Half of the cuts are in the first run of a journal, which creates it, half in a later run.
 fn cuts(count: usize, seed: u64) {
     let bench = Bench::new();
     let shim = faults::shim(bench.folder.path());
@@ -53,20 +53,20 @@ fn cuts(count: usize, seed: u64) {
     }
 }
 
-/// A run that was watched to its end.
+/// A complete run with its log.
 struct Taken<'a> {
     events: Vec<Event>,
     root: std::path::PathBuf,
-    /// The disk before it.
+    /// The disk before the run.
     begins: &'a Path,
-    /// What it measured.
+    /// Readings of the run.
     whole: Vec<Reading>,
-    /// What the runs before it measured.
+    /// Readings of the earlier runs.
     before: &'a [Vec<Reading>],
 }
 
 impl Taken<'_> {
-    /// Cut the power before the event `at`. How many steps had been begun.
+    /// Cuts the power before the event `at`; returns the number of steps that had begun.
     fn cut(&self, at: usize, random: &mut impl RngExt) -> usize {
         let mut disk = Disk::of(self.begins, &self.root);
         let (mut sent, mut printed) = (Vec::new(), false);

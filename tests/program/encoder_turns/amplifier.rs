@@ -1,7 +1,7 @@
-//! An amplifier with three displacement sensors about a datum cylinder, on a pseudo-terminal. Each line has their
-//! distances in mm, the count of the encoder on C (16 bits) and the number of the line (of four digits):
-//! `+0.01234,-0.00456,+0.00789,51234,0017`. It is beside the simulated world, whose axes move in no time: what it
-//! measures of a turn of C is sent before the control reports the end of the turn ([`Amplifier::catch_up`]).
+//! An amplifier with three displacement sensors around a datum cylinder, on a pseudo-terminal. Each line has their
+//! distances in mm, the count of the encoder on C (16 bits) and the number of the line (four digits):
+//! `+0.01234,-0.00456,+0.00789,51234,0017`. It works beside the simulated world, whose axes move in no host time:
+//! its samples of a turn of C are sent before the control reports the end of the turn ([`Amplifier::catch_up`]).
 
 use std::fmt::Write as _;
 use std::sync::{Arc, Mutex, mpsc as std_mpsc};
@@ -15,24 +15,24 @@ use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use tokio::time::{MissedTickBehavior, interval, sleep};
 
 pub const SENSORS: [&str; 3] = ["x1", "y1", "r1"];
-/// C counts down while its angle grows.
+/// The count decreases while the angle of C increases.
 pub const COUNTS_PER_TURN: i64 = -90_000;
 pub const COUNT_ROUND: i64 = 1 << 16;
 /// The count at C = 0.
 const COUNT_AT_ZERO: i64 = 1_000;
 const LINE_ROUND: u32 = 10_000;
-/// Between two lines, simulated time and true time.
+/// Period of the lines, both in simulated time and in host time.
 const PERIOD_S: f64 = 4e-3;
-/// While C turns, a line each time that it has turned so far.
+/// While C turns, one line per this angle.
 const TRIGGER_DEG: f64 = 0.25;
 const LINES_AT_ONCE: usize = 40;
-/// So the reader keeps up.
+/// Pause that lets the reader keep up.
 const PAUSE: Duration = Duration::from_millis(4);
 
 type Done = std_mpsc::Sender<()>;
 
 pub struct Amplifier {
-    /// The serial port of its client.
+    /// Path of the serial port for the client.
     pub path: String,
     requests: UnboundedSender<Done>,
 }
@@ -46,7 +46,7 @@ impl Amplifier {
                 tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
             runtime.block_on(async {
                 let Pty { device, path, client_side } = link::pty().unwrap();
-                // Without a client, what is sent is lost.
+                // Without a client, sent bytes are lost.
                 drop(client_side);
                 ready.send(path).unwrap();
                 let sent_s = world.lock().unwrap().time_s();
@@ -56,7 +56,7 @@ impl Amplifier {
         Self { path: path.recv().unwrap(), requests }
     }
 
-    /// Until all is sent that was measured of turns of C up to the world's time.
+    /// Waits until all samples of turns of C up to the world's time have been sent.
     pub fn catch_up(&self) {
         let (done, sent) = std_mpsc::channel();
         self.requests.send(done).unwrap();
@@ -67,10 +67,10 @@ impl Amplifier {
 struct Sender<D> {
     world: Arc<Mutex<World>>,
     device: D,
-    /// Up to this time of the world.
+    /// Simulated time up to which lines have been sent.
     sent_s: f64,
     lines: u32,
-    /// C in the last line.
+    /// Angle of C in the last line.
     c: f64,
 }
 
@@ -119,7 +119,7 @@ impl<D: AsyncWriteExt + Unpin> Sender<D> {
             self.lines = (self.lines + 1) % LINE_ROUND;
             writeln!(lines, "{measured},{:04}", self.lines).unwrap();
         }
-        // Nobody has opened the port.
+        // The port may not be open.
         let _ = self.device.write_all(lines.as_bytes()).await;
     }
 

@@ -1,5 +1,5 @@
-//! `trued run multiprobe` on a control that stamps nothing: C turns without a stop, and an amplifier sends the count of
-//! the encoder on C with each sample.
+//! `trued run multiprobe` on a control without time stamps: C turns continuously, and an amplifier sends the count
+//! of the encoder on C with each sample.
 
 mod amplifier;
 
@@ -16,7 +16,7 @@ use crate::support::harness::{Pool, Trials, trials};
 use crate::support::machine_shop::{MachineShop, stderr};
 use crate::support::person;
 
-/// Error motions of `config/multiprobe.toml` 60 mm above the table, µm; what is not named here is zero. There a tilt
+/// Error motions of `config/multiprobe.toml` 60 mm above the table, µm; all others are zero. At this height a tilt
 /// of 1 µrad about Y displaces the axis by 0.06 µm along X, one about X by -0.06 µm along Y.
 const TRUTH: [(&str, f64); 10] = [
     ("EXC_c2", 1.2),
@@ -31,7 +31,7 @@ const TRUTH: [(&str, f64); 10] = [
     ("EYC_s3", 0.8),
 ];
 const HARMONICS: usize = 6;
-/// How near a coefficient must come, µm: gains and angles of the sensors are not known better.
+/// Tolerance of a coefficient, µm: gains and angles of the sensors are not known better.
 const NEAR_UM: f64 = 0.02;
 
 pub fn trials() -> Trials {
@@ -41,7 +41,7 @@ pub fn trials() -> Trials {
     ]
 }
 
-/// What is in the machine file in place of the line `simulated = ..` of the first sensors.
+/// The keys that replace the line `simulated = ..` of the first sensors.
 fn channel(path: &str, column: usize) -> String {
     format!(
         "serial = {{ serial = \"{path}\", timeout_s = 5.0, line = {{ separator = \",\", columns = 5, \
@@ -51,7 +51,7 @@ fn channel(path: &str, column: usize) -> String {
     )
 }
 
-/// The machine of `config/multiprobe.toml` with one amplifier, one mounting, turns in motion.
+/// The machine of `config/multiprobe.toml` with one amplifier, one mounting, continuous turns.
 fn machine(control: SocketAddr, path: &str, counts_per_turn: i64) -> String {
     let mut file = include_str!("../../../config/multiprobe.toml").to_owned();
     for column in 1..=SENSORS.len() {
@@ -78,8 +78,8 @@ fn machine(control: SocketAddr, path: &str, counts_per_turn: i64) -> String {
     format!("{file}\n[encoder]\naxis = \"C\"\ncounts_per_turn = {counts_per_turn}\n")
 }
 
-/// Passes on what client and control of each other send; nothing of the control before the amplifier has sent what it
-/// measured up to then.
+/// Forwards bytes between client and control; bytes of the control are forwarded only after the amplifier has sent
+/// its samples up to then.
 fn between(control: SocketAddr, amplifier: Arc<Amplifier>) -> SocketAddr {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = listener.local_addr().unwrap();

@@ -1,4 +1,4 @@
-//! One run of the real program on a simulated machine that does wrong, behind a bad wire.
+//! One run of the real program on a faulty simulated machine, behind a bad wire.
 
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -20,17 +20,17 @@ use trued::store::{Journal, NewRun, StoredRun};
 use super::tape::{Entry, Tape};
 
 const WIRE_BYTES: usize = 4096;
-/// Lines that a run sends, about.
+/// Approximate number of lines that a run sends.
 const LINES: u64 = 250;
 
-/// What a seed does.
+/// The faults of one seed.
 #[derive(Debug, Clone)]
 pub struct Schedule {
     seed: u64,
-    /// Lines between two harms on the wire.
+    /// Mean number of lines between two faults of the wire.
     spacing: Option<f64>,
     fault: Option<Fault>,
-    /// Somebody stops the run at this step.
+    /// Step at which the operator stops the run.
     halt_at: Option<u32>,
 }
 
@@ -54,24 +54,24 @@ impl Schedule {
     }
 }
 
-/// What came of it.
+/// Result of a run.
 pub struct Ended {
     pub result: Result<(), RunError>,
     pub moved: bool,
-    /// Steps of the whole plan as far as it was written.
+    /// Readings that the run itself returned.
     pub readings: Vec<machine::record::reading::Reading>,
     pub stored: StoredRun,
-    /// Between the driver and the bad wire, and between the wire and the control.
+    /// Tape between the driver and the bad wire, and tape between the wire and the control.
     pub near: Vec<Entry>,
     pub far: Vec<Entry>,
-    /// Length of `near` when the run had ended.
+    /// Length of `near` when the run ended.
     pub mark: usize,
     pub harms: Vec<Planned>,
-    /// Faults of the control that came about.
+    /// Faults of the control that occurred.
     pub happened: Vec<FaultKind>,
 }
 
-/// A worker's journal and machine.
+/// Journal and machine of one worker.
 pub struct Bench {
     file: MachineFile,
     journal: Journal,
@@ -117,7 +117,7 @@ impl Bench {
         let result = run.execute().await;
         let mark = wired.near.entries().len();
         let Run { readings, moved, .. } = run;
-        // Whatever the driver might still say.
+        // Wait for late bytes of the driver.
         tokio::time::sleep(Duration::from_millis(15)).await;
         drop(devices);
         tokio::time::sleep(Duration::from_millis(5)).await;
@@ -173,7 +173,7 @@ struct Wired {
     happened: Arc<Mutex<Vec<FaultKind>>>,
 }
 
-/// Short, so that hundreds of schedules pass quickly.
+/// Short timeouts, so that hundreds of schedules finish quickly.
 fn patience() -> Patience {
     let ms = Duration::from_millis;
     Patience { answer: ms(80), poll: ms(10), aftermath: ms(20), stall: ms(300) }

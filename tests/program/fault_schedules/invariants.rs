@@ -1,4 +1,4 @@
-//! What must hold whatever goes wrong.
+//! Invariants that hold under every fault.
 
 use std::collections::VecDeque;
 
@@ -15,10 +15,10 @@ use super::tape::{Entry, Way, moves, step_of};
 /// The control's buffer, bytes.
 const RX_BUFFER: usize = 1024;
 const BANNER: &str = "GrblHAL 1.1f [";
-/// In the order of the control's reports.
+/// Axes in the order of the control's reports.
 const AXES: [Axis; 5] = [Axis::X, Axis::Y, Axis::Z, Axis::B, Axis::C];
 
-/// Every breach, in words.
+/// Every violation, as text.
 pub fn breaches(ended: &Ended) -> Vec<String> {
     let mut all = Vec::new();
     all.extend(motion_after_a_fault(ended));
@@ -52,7 +52,7 @@ fn motion_after_a_fault(ended: &Ended) -> Option<String> {
         .or_else(|| late(ended.mark, "the end of the run"))
 }
 
-/// A contact as the control itself tells it, before the wire: step, text, time.
+/// A contact as the control reports it, before the wire: line, position, time.
 struct Contact {
     line: String,
     position: String,
@@ -69,7 +69,7 @@ fn contacts(ended: &Ended) -> Vec<Contact> {
             continue;
         }
         let told = entry.line.strip_prefix("[PRB:").and_then(|rest| rest.strip_suffix(":1]"));
-        // `$#` tells the last contact again.
+        // `$#` repeats the last contact.
         let Some(position) = told.filter(|_| !asked.contains('$')) else { continue };
         let stamp = lines.find(|entry| entry.way == Way::FromControl);
         let stamp = stamp.map_or(String::new(), |entry| entry.line.clone());
@@ -86,14 +86,14 @@ fn as_told(reading: &Reading) -> (String, String) {
     (AXES.map(value).join(","), format!("[TIME:{}]", reading.t_s))
 }
 
-/// None doubled, none invented, each of its own step.
+/// No reading is duplicated, none is invented, and each belongs to its step.
 fn readings_are_what_happened(ended: &Ended) -> Option<String> {
     let mut contacts = contacts(ended).into_iter();
     for (place, reading) in ended.stored.readings.iter().enumerate() {
         if (reading.step, reading.repeat) != (place as u32, 0) {
             return Some(format!("reading {place} is of step {}", reading.step));
         }
-        // In the order in which they happened, each at most once.
+        // In the order in which they occurred, each at most once.
         let told = as_told(reading);
         let Some(contact) =
             contacts.find(|contact| (&contact.position, &contact.stamp) == (&told.0, &told.1))
@@ -124,14 +124,14 @@ fn nothing_acknowledged_is_lost(ended: &Ended) -> Option<String> {
         .then(|| format!("{begun} steps begun, {stored} readings stored"))
 }
 
-/// Lines that are not answered yet: each answer belongs to the oldest of them.
+/// The unanswered lines: each answer belongs to the oldest of them.
 fn window(near: &[Entry]) -> Option<String> {
     let mut open = VecDeque::new();
     for entry in near {
         match entry.way {
             Way::ToControl if entry.line == "!" => {}
             Way::ToControl => open.push_back(entry.line.len() + 1),
-            // It has forgotten what it had.
+            // A restarted control has lost its lines.
             Way::FromControl if entry.line.starts_with(BANNER) => open.clear(),
             Way::FromControl if entry.line == "ok" || entry.line.starts_with("error:") => {
                 open.pop_front();
@@ -139,7 +139,7 @@ fn window(near: &[Entry]) -> Option<String> {
             Way::FromControl => {}
         }
         let (lines, bytes) = (open.len(), open.iter().sum::<usize>());
-        // The very first line only wakes the control: if its answer is lost, that is no fault.
+        // The very first line only wakes the control: a lost answer to it is not a fault.
         if bytes > RX_BUFFER || lines > 2 {
             return Some(format!("{lines} lines, {bytes} bytes are not answered"));
         }

@@ -1,6 +1,6 @@
-//! Seeded schedules of faults: runs of a short self-calibration over a bad wire, on a control that
-//! does wrong. Whatever happens, the invariants hold. One schedule alone, with its tape:
-//! `TRUED_FAULT_SEED=17 cargo test --test program fault_schedules`.
+//! Seeded fault schedules: runs of a short self-calibration over a bad wire, on a faulty control. The invariants
+//! hold in every run. One schedule alone, with its tape: `TRUED_FAULT_SEED=17 cargo test --test program
+//! fault_schedules`.
 
 mod bench;
 mod invariants;
@@ -17,7 +17,7 @@ use simulator::controls::grbl::FaultKind;
 
 const FULL_SCHEDULES: u64 = 500;
 
-/// How often something was seen.
+/// Number of occurrences.
 #[derive(Default)]
 struct Count {
     endings: BTreeMap<String, u32>,
@@ -26,7 +26,7 @@ struct Count {
     breaches: Vec<String>,
 }
 
-/// The first word of a value as it prints for programmers.
+/// The first word of a value's `Debug` output.
 fn name(value: impl std::fmt::Debug) -> String {
     let text = format!("{value:?}");
     text.split(|c: char| !c.is_alphanumeric()).next().unwrap_or_default().to_owned()
@@ -103,7 +103,7 @@ fn whatever_fails_nothing_moves_after_it_and_no_reading_is_lost_doubled_or_inven
     }
 }
 
-/// Each harm, each fault and each ending came about.
+/// Asserts that each wire fault, each control fault and each result occurred.
 fn assert_mix(count: &Count) {
     assert_eq!(count.harms.len(), 9);
     assert_eq!(count.faults.len(), FaultKind::ALL.len());

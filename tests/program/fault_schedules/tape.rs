@@ -1,4 +1,4 @@
-//! What passes a place on the wire, line by line.
+//! Records the bytes that pass one point of the wire, line by line.
 
 use std::sync::{Arc, Mutex};
 
@@ -16,7 +16,7 @@ pub struct Entry {
     pub line: String,
 }
 
-/// A tape that others may still be writing.
+/// A tape that other tasks may still be writing.
 #[derive(Clone, Default)]
 pub struct Tape(Arc<Mutex<Vec<Entry>>>);
 
@@ -30,7 +30,7 @@ impl Tape {
         self.0.lock().unwrap().push(Entry { way, line });
     }
 
-    /// Pass everything on between `near` and `far` until one of them ends.
+    /// Forwards everything between `near` and `far` until one of them ends.
     pub async fn between(self, near: DuplexStream, far: DuplexStream) {
         let (near_out, near_in) = tokio::io::split(near);
         let (far_out, far_in) = tokio::io::split(far);
@@ -40,8 +40,8 @@ impl Tape {
         }
     }
 
-    /// To the control, the realtime bytes act at once, wherever they stand: `!`, `~` and a reset are
-    /// noted as lines of their own, `?` is not.
+    /// Realtime bytes to the control act at once, at any place in the stream: `!`, `~` and a reset are recorded as
+    /// separate lines, `?` is not.
     async fn pass(
         &self,
         way: Way,
@@ -63,12 +63,12 @@ impl Tape {
     }
 }
 
-/// A line that can move the machine.
+/// Whether the line can move the machine.
 pub fn moves(line: &str) -> bool {
     line.contains("G53") || line.contains("G38")
 }
 
-/// Its N word.
+/// N word of a line.
 pub fn step_of(line: &str) -> Option<u32> {
     let digits = line.split('N').nth(1)?;
     let end = digits.find(|c: char| !c.is_ascii_digit()).unwrap_or(digits.len());

@@ -1,5 +1,5 @@
-//! SIGKILL at any moment from the first touch to the stored estimate. Whatever is left is shown, and gets its
-//! estimate: by `trued resume`, without motion where all is measured, or by the daemon.
+//! SIGKILL at random moments from the first touch to the stored estimate. Every remaining run is listed and gets
+//! its estimate: by `trued resume`, without motion if all is measured, or by the daemon.
 
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, ChildStderr, Command, Stdio};
@@ -17,7 +17,7 @@ use crate::support::machine_shop::{MachineShop, built_in_machine, stderr};
 const SHORT: &str = "[method.self-calibration]\nmonte_carlo_trials = 100000\npositions = 5\n";
 const SERVE: &str = "[serve]\n[[serve.cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n\
                      [serve.http]\nlisten = \"127.0.0.1:0\"\n";
-/// The first stage begins: the first touch follows.
+/// Progress text at the beginning of the first stage; the first touch follows.
 const FIRST_STAGE: &str = " steps";
 const IDENTIFYING: &str = "identifying from ";
 
@@ -32,19 +32,19 @@ pub fn two_hundred_kills_leave_no_run_without_estimate_unnoticed() {
     assert!(killed.in_measurement >= 50 && killed.in_identification >= 50, "{killed:?}");
 }
 
-/// How the killed runs were found.
+/// Numbers of killed runs by state.
 #[derive(Debug, Default)]
 struct Killed {
     in_measurement: usize,
-    /// Of them, before the references were measured: closed, which is shown.
+    /// Of those killed in the measurement: before the references were measured, so that the run is closed.
     closed: usize,
     in_identification: usize,
-    /// Of them, identified by the daemon.
+    /// Of those killed in the identification: identified by the daemon.
     by_the_daemon: usize,
     after_the_estimate: usize,
 }
 
-/// Half of them after the last reading.
+/// Half of the kills come after the last reading.
 fn kills(count: u64, seed: u64) -> Killed {
     let shop = MachineShop::new(&format!("{}\n{SHORT}{SERVE}", built_in_machine()));
     let mut durations = durations(&shop);
@@ -55,7 +55,7 @@ fn kills(count: u64, seed: u64) -> Killed {
         let half = (kill % 2) as usize;
         let after = durations[half].mul_f64(random.random_range(0.0..1.1));
         let stored = killed_run(&shop, [FIRST_STAGE, IDENTIFYING][half], after);
-        // The computer does other things as well: a kill that comes too late makes the next ones earlier.
+        // The computer has other load: a kill that comes too late makes the next kills earlier.
         let in_time = [RunState::Running, RunState::NotIdentified][half];
         let is_late = stored.summary.state != in_time;
         durations[half] = durations[half].mul_f64(if is_late { 0.8 } else { 1.03 });
@@ -65,7 +65,7 @@ fn kills(count: u64, seed: u64) -> Killed {
                 killed.closed += usize::from(!resumed(&shop, &stored));
             }
             RunState::Finished => killed.after_the_estimate += 1,
-            // Each third of them is left to the daemon.
+            // A third of them is left to the daemon.
             _ if kill % 3 == 0 => for_the_daemon.push(stored),
             _ => {
                 killed.in_identification += 1;
@@ -83,7 +83,8 @@ fn kills(count: u64, seed: u64) -> Killed {
     killed
 }
 
-/// From the first stage to the last reading, and from there to the end of the process; of a run that nobody kills.
+/// Duration from the first stage to the last reading, and from there to the end of the process, of a run that is
+/// not killed.
 fn durations(shop: &MachineShop) -> [Duration; 2] {
     let (mut run, mut lines) = started(shop);
     wait_for(&mut lines, FIRST_STAGE);
@@ -111,7 +112,7 @@ fn wait_for(lines: &mut BufReader<ChildStderr>, words: &str) {
     }
 }
 
-/// What a run that is killed so long after it has told `line` leaves in the journal.
+/// Journal entry of a run that is killed `after` it has printed `line`.
 fn killed_run(shop: &MachineShop, line: &str, after: Duration) -> StoredRun {
     let (mut run, mut lines) = started(shop);
     wait_for(&mut lines, line);
@@ -126,7 +127,7 @@ fn killed_run(shop: &MachineShop, line: &str, after: Duration) -> StoredRun {
     stored
 }
 
-/// Exit code, and what was said of a failure.
+/// Exit code, and the error message.
 fn resume(shop: &MachineShop, run: RunId, acknowledged: &[&str]) -> (Option<i32>, String) {
     let run = run.to_string();
     let arguments = [&["resume", &run, "--json"], acknowledged].concat();
@@ -135,8 +136,8 @@ fn resume(shop: &MachineShop, run: RunId, acknowledged: &[&str]) -> (Option<i32>
     (code, if code == Some(0) { String::new() } else { stderr(&ended) })
 }
 
-/// It died in mid-measurement: nothing moves before a person has acknowledged. Whether it has its estimate now;
-/// otherwise its references were not measured, and it is closed.
+/// The run was killed during the measurement: nothing moves before an acknowledgement. Returns whether it now has
+/// its estimate; otherwise its references were not measured, and it is closed.
 fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
     let run = stored.summary.id;
     let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
@@ -156,7 +157,7 @@ fn resumed(shop: &MachineShop, stored: &StoredRun) -> bool {
     code == Some(0)
 }
 
-/// It is shown as such, and gets its estimate from its readings alone.
+/// The run is listed as not identified, and gets its estimate from its readings alone.
 fn identified(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&MachineShop)) {
     let listed = String::from_utf8(shop.trued(&["runs"]).stdout).unwrap();
     let run = stored.summary.id;
@@ -169,7 +170,7 @@ fn identified(shop: &MachineShop, stored: &StoredRun, identify: impl FnOnce(&Mac
     assert!(!after.events.iter().any(|(_, event)| moved(event)), "run {run}");
 }
 
-/// Its start takes them all up, whatever the newest run waits for.
+/// The start of the daemon identifies all of them, whatever the state of the newest run.
 fn left_to_the_daemon(shop: &MachineShop, runs: &[StoredRun]) {
     let Some(newest) = runs.last() else { return };
     identified(shop, newest, |shop| {

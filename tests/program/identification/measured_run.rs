@@ -1,10 +1,10 @@
-//! A journal as a process leaves it that dies while it identifies.
+//! A journal as left by a process that was killed during the identification.
 
 use trued::store::{Journal, NewRun, RunId, RunState};
 
 use crate::support::machine_shop::MachineShop;
 
-/// A copy of run 1 with its first `readings` readings, and without its estimate.
+/// Adds a copy of run 1 with its first `readings` readings and without its estimate.
 pub fn copy_without_estimate(shop: &MachineShop, readings: usize) -> RunId {
     let journal = Journal::open(&shop.state()).unwrap();
     let whole = journal.load(RunId(1)).unwrap();

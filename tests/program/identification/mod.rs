@@ -1,4 +1,4 @@
-//! Runs that are measured and have no estimate: what is shown of them, and how they get it.
+//! Runs that are measured but have no estimate: how they are shown, and how they are identified.
 
 mod kills;
 mod measured_run;

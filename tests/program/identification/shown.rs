@@ -1,4 +1,4 @@
-//! What commands, page and interface show of a run without an estimate.
+//! Output of commands, page and interface for a run without an estimate.
 
 use serde_json::{Value, json};
 use trued::store::{Journal, MachineLock, RunId};
@@ -11,7 +11,7 @@ use crate::support::machine_shop::{MachineShop, built_in_machine, stderr};
 const SHORT: &str = "[method.self-calibration]\nmonte_carlo_trials = 100\npositions = 5\n";
 const PAGE: &str = "/machines/simulated%20five-axis%20machine";
 
-/// Neither the control nor the machine's lock nor a person is needed.
+/// Neither the control, nor the machine's lock, nor an acknowledgement is needed.
 pub fn resume_identifies_without_the_machine() {
     let machine = format!("{}\n{SHORT}", built_in_machine());
     let control = GrblControl::start(&machine);
@@ -76,7 +76,8 @@ pub fn the_daemon_identifies_a_measured_run() {
     assert_eq!(daemon.terminate(), 0);
 }
 
-/// By a hold while it computes, and by the end of the daemon: nothing moves then, and nobody has to acknowledge.
+/// Stopped by a hold during the computation, and by the end of the daemon: nothing moves then, and no
+/// acknowledgement is needed.
 pub fn a_stopped_identification_is_made_up_for() {
     let shop = MachineShop::with_serve(HTTP);
     shop.change("monte_carlo_trials = 1000", "monte_carlo_trials = 200000\npositions = 5");
@@ -102,7 +103,7 @@ pub fn a_stopped_identification_is_made_up_for() {
     assert_eq!(daemon.terminate(), 0);
 }
 
-/// The page must not say "true" of a machine whose last measurement nobody could read.
+/// The page must not show "true" for a machine whose last measurement was not identified.
 pub fn a_failed_identification_outdates_the_result_before() {
     let shop = served();
     copy_without_estimate(&shop, 12);
@@ -122,7 +123,7 @@ pub fn a_failed_identification_outdates_the_result_before() {
     assert!(http.text("/runs").contains("<td>not identified</td>"));
     let run = http.text("/runs/2");
     assert!(run.contains("run 2 is not identified") && run.contains("lack step"), "{run}");
-    // Another start of the daemon does not try it again; a person may.
+    // A restart of the daemon does not try it again; an operator may.
     assert_eq!(daemon.terminate(), 0);
     let faults = || identification_faults(&shop);
     assert_eq!(faults(), 1);
@@ -132,7 +133,7 @@ pub fn a_failed_identification_outdates_the_result_before() {
     assert_eq!((faults(), shop.states().pop().unwrap().as_str()), (2, "not identified"));
 }
 
-/// Faults in the story of run 2.
+/// Number of identification faults in the history of run 2.
 fn identification_faults(shop: &MachineShop) -> usize {
     let told = String::from_utf8(shop.trued(&["show", "2"]).stdout).unwrap();
     told.lines().filter(|line| line.contains("fault: not identified")).count()

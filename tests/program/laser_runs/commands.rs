@@ -1,4 +1,4 @@
-//! The commands `run`, `identify`, `plan` and `simulate` with the laser R-test: the same result twice, replay of a
+//! The commands `run`, `identify`, `plan` and `simulate` with the laser R-test: reproducible results, replay of a
 //! capture, the touch probe in place of the laser.
 
 use std::fs::OpenOptions;
@@ -14,7 +14,7 @@ const METHOD: &str = "laser-r-test";
 const SHORT: &str = "\n[method.laser-r-test]\ntilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\n\
                      monte_carlo_trials = 100\n";
 
-/// A folder with a machine file of these settings, and the program run there.
+/// A folder with a machine file of these settings, in which the program runs.
 struct Desk(tempfile::TempDir);
 
 impl Desk {
@@ -42,7 +42,7 @@ impl Desk {
     }
 }
 
-/// Through the program: control, sensor, proof, journal.
+/// A run through the whole program: control, sensor, proof, journal.
 pub fn a_run_says_the_same_twice_and_is_near_the_truth() {
     let desk = Desk::new(SHORT);
     let (file, first) = (desk.path("laser.toml"), desk.path("first"));
@@ -52,7 +52,7 @@ pub fn a_run_says_the_same_twice_and_is_near_the_truth() {
     let estimate: Estimate = serde_json::from_slice(&said).expect("an estimate");
     assert!(estimate.warnings.is_empty(), "{:?}", estimate.warnings);
     assert_near_truth(&estimate, 4.0);
-    // By its readings alone: where the axes stood counts, not where a plan of today would send them.
+    // Identified from the readings alone: the measured axis positions count, not those of a new plan.
     desk.says(&["export", "1", "--state", &first, "--to", &desk.path("")]);
     let readings = desk.path("run-1-readings.csv");
     let again =
@@ -64,7 +64,7 @@ pub fn a_run_says_the_same_twice_and_is_near_the_truth() {
     }
 }
 
-/// Control and sensor, without either.
+/// A replay without control and sensor.
 pub fn a_captured_run_replays_to_the_same_bytes() {
     let desk = Desk::new(SHORT);
     let (file, state, capture) =
@@ -75,12 +75,12 @@ pub fn a_captured_run_replays_to_the_same_bytes() {
         )
     };
     let measured = run(&["--capture", &capture]);
-    // The machine is another one now: what comes out is what was captured.
+    // The machine file now describes another machine: the result must be that of the capture.
     let text = std::fs::read_to_string(&file).expect("read");
     std::fs::write(&file, text.replace("\nseed = 1\n", "\nseed = 2\n")).expect("written");
     assert!(run(&[]) != measured, "the test could not fail");
     assert!(run(&["--replay", &capture]) == measured, "a replay gives something else");
-    // One sample is another one.
+    // Change one sample.
     let text = std::fs::read_to_string(&capture).expect("read");
     let (before, rest) = text.rsplit_once(" - 0\\n").expect("a sample");
     let (before, value) = before.rsplit_once(' ').expect("its value");
@@ -90,7 +90,7 @@ pub fn a_captured_run_replays_to_the_same_bytes() {
         ["run", METHOD, "--json", "--machine", &file, "--state", &state, "--replay", &capture];
     let output = desk.output(&replay);
     let said = String::from_utf8_lossy(&output.stderr);
-    // By a millimetre: its pose is to be measured again, which the capture does not have.
+    // By a millimetre: its pose must be measured again, which the capture does not contain.
     assert_eq!(output.status.code(), Some(1), "the samples are not those of the capture");
     assert!(said.contains("suspects measured again: 1 step"), "{said}");
 }
@@ -104,7 +104,7 @@ pub fn the_same_machine_may_be_touched_instead() {
     assert_near_truth(&estimate, 4.0);
 }
 
-/// No stylus is there that could be freed.
+/// There is no stylus that could be freed.
 pub fn a_probe_input_that_is_closed_while_a_laser_looks_is_told_so() {
     let desk = Desk::new("\n[[simulated.fault]]\nkind = \"probe-stuck\"\nat_line = 1\n");
     let (file, state) = (desk.path("laser.toml"), desk.path("state"));
@@ -130,8 +130,8 @@ pub fn a_printed_program_says_what_happens_where_it_rests() {
     }
 }
 
-/// What the simulated control of `method` reports when the spindle stands where the probe's stylus would be
-/// pressed into the sphere's pole by 3 mm.
+/// Report of the simulated control of `method` when the spindle is at a position in which the probe's stylus would
+/// be pressed into the sphere's pole by 3 mm.
 fn over_the_pole(desk: &Desk, method: &str) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_trued"));
     command.args(["simulate", method, "--machine", &desk.path("laser.toml")]);
@@ -156,7 +156,7 @@ fn over_the_pole(desk: &Desk, method: &str) -> String {
     report.expect("a report")
 }
 
-/// The rehearsal of a method that looks with a sensor has no stylus that could meet anything.
+/// A rehearsal of a method with a sensor has no stylus that could touch anything.
 pub fn simulate_goes_without_the_probe_where_a_sensor_is_in_the_spindle() {
     let desk = Desk::new("");
     let (looks, touches) = (over_the_pole(&desk, METHOD), over_the_pole(&desk, "self-calibration"));

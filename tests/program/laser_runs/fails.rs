@@ -1,5 +1,5 @@
-//! The sensor fails while the machine moves from point to point, or rests at one: the run stops, the
-//! machine is held, and when the sensor is back a person lets the run go on.
+//! The sensor fails while the machine moves between points, or rests at one: the run stops, the machine is held,
+//! and after the sensor has recovered an operator resumes the run.
 
 use std::time::Duration;
 
@@ -10,15 +10,15 @@ use super::sender::State;
 use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::{MachineShop, stderr};
 
-/// The step in which it fails.
+/// Step in which the sensor fails.
 const STEP: u32 = REFERENCE + 1;
 
-/// When it fails.
+/// Moment of the failure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Moment {
-    /// The machine is on its way to a point.
+    /// During the move to a point.
     Way,
-    /// It rests there.
+    /// At rest at a point.
     Rest,
 }
 
@@ -26,7 +26,7 @@ fn feed_moves(heard: &str) -> usize {
     heard.matches(&format!("N{STEP} G53 G1")).count()
 }
 
-/// All that was sent after the hold asks for nothing but the control's state.
+/// Asserts that all bytes after the hold are status requests.
 fn nothing_follows_the_hold(heard: &str, label: &str) {
     let (_, after) = heard.split_once('!').unwrap_or_else(|| panic!("{label}: no hold"));
     assert!(after.chars().all(|byte| "!?".contains(byte)), "{label}: sent after the hold: {after}");
@@ -36,11 +36,11 @@ fn fails(state: State, moment: Moment, told: [&str; 2]) {
     let label = format!("{state:?}, {moment:?}");
     let shop = LaserShop::over(SHORT, GrblControl::at(&SHORT.file(), Pace::Real));
     let mut run = shop.starts();
-    // The way to the first point is one feed move, each point one more.
+    // The path to the first point is one feed move, each further point one more.
     shop.wait_for(&format!("N{STEP} G53 G1"), SHORT.points / 2, &mut run);
     match moment {
         Moment::Way => shop.sender.becomes_on_the_way(state),
-        // Of those that are taken there some have come by then.
+        // Some samples of the point have been received by then.
         Moment::Rest => shop.sender.becomes(State::Resting(SHORT.samples as u32 - 2)),
     }
     while !shop.sender.is(state) {
@@ -57,27 +57,27 @@ fn fails(state: State, moment: Moment, told: [&str; 2]) {
     }
     assert!(ended.stdout.is_empty(), "{label}: an estimate in spite of everything");
     let heard = shop.bench.heard();
-    // No way to another point was begun.
+    // No move to another point has begun.
     assert_eq!(feed_moves(&heard), moves, "{label}: {heard}");
     nothing_follows_the_hold(&heard, &label);
     assert_eq!(shop.state(), "held", "{label}");
-    // Not a part of the scan is kept, and all that went before is.
+    // No part of the scan is kept, but everything before it is.
     assert_eq!(shop.all_is_true(), (SEARCH..STEP).collect::<Vec<_>>(), "{label}");
     assert_eq!(shop.bench.world.lock().unwrap().position(), stands, "{label}: it has moved");
 
     shop.sender.becomes(State::Well);
-    // A person lets the control go on.
+    // The operator resets the control.
     shop.bench.reset();
     let resumed = shop.resume();
     assert_eq!(resumed.status.code(), Some(0), "{label}: {}", stderr(&resumed));
     estimate(&resumed);
-    // Nobody has declared how its means repeat: the reference tells it, twice.
+    // The repeatability of its means is not declared: the reference is measured twice to determine it.
     let steps: Vec<u32> = (SEARCH..STEP).chain([REFERENCE; 2]).chain(STEP..SHORT.steps).collect();
     assert_eq!(shop.all_is_true(), steps, "{label}");
     assert_eq!(shop.state(), "finished", "{label}");
 }
 
-/// All at once: the machine takes its time, the computer hardly any.
+/// All cases in parallel: the machine runs in real time and needs little processor time.
 pub fn a_sensor_that_fails_in_mid_scan_holds_the_machine() {
     let silent = ["(stale)", "has fallen silent: see to its cable"];
     let cases = [
@@ -94,8 +94,8 @@ pub fn a_sensor_that_fails_in_mid_scan_holds_the_machine() {
     });
 }
 
-/// The machine's truth: the sensor sits 15 mm lower than stated, so the sphere comes within its range of 10 mm
-/// while the machine file has it 25 mm away.
+/// The true machine: the sensor is 15 mm lower than stated, so the sphere comes within its range of 10 mm while it
+/// is 25 mm away by the machine file.
 fn lower() -> String {
     let (stated, lower) = ("zero_offset_um = [210.0, -340.0, 170.0]", "-15000.0]");
     let text = SHORT.file();
@@ -103,8 +103,8 @@ fn lower() -> String {
     text.replacen(stated, &stated.replace("170.0]", lower), 1)
 }
 
-/// A simulated sensor without a wire is not watched; it is read before the machine goes where it may report a
-/// distance.
+/// A simulated sensor without a wire is not monitored; it is read before the machine enters the region where it may
+/// report a distance.
 pub fn an_early_distance_at_rest_holds_the_machine() {
     let shop = MachineShop::new(&lower());
     let ended = shop.trued(&["run", "laser-r-test", "--machine", &shop.machine()]);
@@ -128,7 +128,7 @@ pub fn a_sensor_that_falls_silent_on_its_first_way_holds_the_machine() {
     assert!(shop.readings().is_empty());
 }
 
-/// Contact stops nothing: nobody has confirmed what is in the spindle.
+/// Contact does not stop a motion: the tool in the spindle has not been confirmed.
 pub fn a_real_control_is_not_sent_a_motion_before_a_person_has_confirmed_the_sensor() {
     let shop = LaserShop::over(SHORT, GrblControl::start(&SHORT.file()));
     let refused = shop.trued(&["run", "laser-r-test", "--machine", &shop.machine()]);

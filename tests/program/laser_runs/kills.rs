@@ -1,11 +1,11 @@
-//! The program is killed in mid-run. What it had measured is still there, and the run goes on, unless the
-//! sphere was moved meanwhile.
+//! The program is killed during a run. Its readings are still stored, and the run can be resumed, unless the sphere
+//! was moved meanwhile.
 
 use super::laser_shop::{LaserShop, REFERENCE, SEARCH, SOUND, assert_near_truth, estimate};
 use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::stderr;
 
-/// A run that was killed on its way from point to point of a pose.
+/// A run that was killed during a move between points of a pose.
 fn killed() -> LaserShop {
     let shop = LaserShop::over(SOUND, GrblControl::start(&SOUND.file()));
     let way = format!("N{} G53 G1", REFERENCE + 2);
@@ -29,8 +29,8 @@ pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
     assert_near_truth(&found, 5.0);
     for (one, other) in found.parameters.iter().zip(&undisturbed.parameters) {
         assert_eq!(one.symbol, other.symbol);
-        // E_n of two measurements, 1 at two standard uncertainties of their difference; the largest of
-        // some ten.
+        // E_n of two measurements: 1 at two standard uncertainties of their difference. The limit is for the
+        // largest of some ten.
         let apart = (one.value - other.value).abs() / one.expanded.hypot(other.expanded);
         println!("{}: {:.3} and {:.3}, E_n {apart:.2}", one.symbol, one.value, other.value);
         assert!(apart < 1.5, "{}: {} {}, {apart}", one.symbol, one.value, other.value);
@@ -39,9 +39,9 @@ pub fn a_killed_run_goes_on_and_says_what_an_undisturbed_one_says() {
     assert_eq!(shop.all_is_true(), (SEARCH..REFERENCE + 2).chain(again).collect::<Vec<_>>());
 }
 
-/// Across the beam it is the flanks of the sphere that see it.
+/// The flanks of the sphere show a shift across the beam.
 pub fn a_sphere_that_was_moved_meanwhile_is_found_out() {
-    // By 20 µm, along X and between X and Y, which both lines of the cross see.
+    // By 20 µm, along X and diagonally between X and Y: both lines of the cross show it.
     for (moved, told) in
         [("[0.32, -0.2]", "one touch repeats"), ("[0.314, -0.186]", " more; one touch")]
     {

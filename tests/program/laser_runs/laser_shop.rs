@@ -1,4 +1,4 @@
-//! A machine with a laser in its spindle, a journal, and the program that measures with both.
+//! A machine with a laser in its spindle, a journal, and the program that uses both.
 
 use std::io::Read as _;
 use std::path::Path;
@@ -14,23 +14,23 @@ use crate::support::grbl_control::GrblControl;
 use crate::support::machine_shop::{MachineShop, stderr};
 use crate::support::person;
 
-/// A person is asked (0), the sphere is searched for (1), the beam's direction found at three heights
-/// (2 to 4), the reference measured (5); then follow the poses and the reference again.
+/// Steps: the prompt (0), the search of the sphere (1), the direction of the beam at three heights (2 to 4), the
+/// reference (5); then the poses, and the reference again.
 pub const SEARCH: u32 = 1;
 pub const REFERENCE: u32 = 5;
 
-/// What is measured.
+/// Size of a measurement.
 pub struct Design {
     settings: &'static str,
-    /// Dwell points of a scan, and samples at each.
+    /// Number of dwell points of a scan, and of samples at each.
     pub points: usize,
     pub samples: usize,
     pub steps: u32,
 }
 
-/// As few poses and points as can be.
+/// The minimum number of poses and points.
 pub const SHORT: Design = Design { settings: FEW, points: 10, samples: 60, steps: 12 };
-/// Enough for a sound estimate.
+/// Enough poses and points for a sound estimate.
 pub const SOUND: Design = Design { settings: ENOUGH, points: 26, samples: 20, steps: 15 };
 
 const FEW: &str = "
@@ -52,7 +52,7 @@ monte_carlo_trials = 100
 ";
 
 impl Design {
-    /// The built-in machine, to be measured so.
+    /// Machine file of the built-in machine with these settings.
     pub fn file(&self) -> String {
         include_str!("../../../config/laser.toml").to_owned() + self.settings
     }
@@ -85,7 +85,7 @@ impl LaserShop {
         self.shop.machine()
     }
 
-    /// A run that is under way; a person has confirmed what is in the spindle.
+    /// Starts a run; the operator has confirmed the tool in the spindle.
     pub fn starts(&self) -> Child {
         let machine = self.shop.machine();
         let run = ["run", "laser-r-test", "--json", "--machine", &machine];
@@ -98,7 +98,7 @@ impl LaserShop {
         self.trued(&["resume", "1", "--acknowledge", "Ada", "--json"])
     }
 
-    /// Until `count` lines with these words have come to the control.
+    /// Waits until the control has received `count` lines with these words.
     pub fn wait_for(&self, words: &str, count: usize, client: &mut Child) {
         while self.bench.heard().matches(words).count() < count {
             if client.try_wait().unwrap().is_some() {
@@ -121,8 +121,8 @@ impl LaserShop {
         read(&to.join("run-1-readings.csv"))
     }
 
-    /// Each step that was measured has all of its samples; each was said by the sensor, in this order, at
-    /// a point one behind the other, and with the machine where the reading says.
+    /// Checks each measured step and returns them: it has all of its samples; each was sent by the sensor, in this
+    /// order, at consecutive points, with the machine at the position of the reading.
     pub fn all_is_true(&self) -> Vec<u32> {
         let (readings, said) = (self.readings(), self.sender.said());
         let Design { points, samples, .. } = self.design;
@@ -164,8 +164,8 @@ fn read(csv: &Path) -> Vec<Reading> {
     trued::report::readings_csv::read(&std::fs::read(csv).unwrap()).unwrap()
 }
 
-/// The control shows where it stands to a micrometre and a thousandth of a degree; what was commanded is known
-/// to a tenth of that.
+/// The control displays positions to a micrometre and a thousandth of a degree; the commanded position is known to
+/// a tenth of that.
 fn is((value_mm, position): &sender::Said, reading: &Reading) -> bool {
     let stands = |axis| (position.at(axis) - reading.position.at(axis)).abs() < 2e-4;
     reading.value_mm == Some(*value_mm)
@@ -186,7 +186,7 @@ pub fn parameter<'a>(estimate: &'a Estimate, symbol: &str) -> &'a Parameter {
     found.unwrap_or_else(|| panic!("no {symbol}"))
 }
 
-/// Each deviation from [`TRUTH`] is below so many standard uncertainties.
+/// Asserts that each deviation from [`TRUTH`] is below this number of standard uncertainties.
 pub fn assert_near_truth(estimate: &Estimate, limit_u: f64) {
     for (symbol, truth) in TRUTH {
         let Parameter { value, u, .. } = parameter(estimate, symbol);

@@ -1,5 +1,5 @@
-//! A thousand samples a second beside a running cycle, while every core computes: the program loses none.
-//! The sensor is the script that knows nothing of ours; what it sees it is told.
+//! A thousand samples a second during a cycle, while every core computes: the program loses none. The sensor is the
+//! independent script, which gets its distances from this test.
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
@@ -19,8 +19,8 @@ use crate::support::person;
 
 const PYTHON: &str = "python3";
 
-/// The script's frames: 10 nm, counter round at 65536. The kernel may be late with what stands in a
-/// pseudo-terminal when all cores compute: that is no silence of the sensor.
+/// The script's frames: 10 nm, counter modulo 65536. Under full load the kernel may deliver bytes of a
+/// pseudo-terminal late: this is not a silence of the sensor.
 const FRAMES: &str = r#"
 timeout_s = 10.0
 [sensor.serial.frame]
@@ -33,7 +33,7 @@ value = { byte = 2, width = 24, order = "big", signed = true, scale_mm = 1e-5, c
 "#;
 
 const COUNTS_PER_MM: f64 = 1e5;
-/// A run of more than a minute.
+/// Settings of a run of more than a minute.
 const SETTINGS: &str = "
 [method.laser-r-test]
 tilt_deg = [-60.0, 60.0]
@@ -42,7 +42,7 @@ monte_carlo_trials = 100
 ";
 const LEAST: Duration = Duration::from_secs(60);
 
-/// Threads that go on until dropped.
+/// Threads that run until dropped.
 struct Beside(Arc<AtomicBool>);
 
 impl Beside {
@@ -66,7 +66,7 @@ impl Drop for Beside {
     }
 }
 
-/// The script, in a process of its own.
+/// The script, in a separate process.
 struct Script {
     child: Child,
     stdin: Arc<Mutex<ChildStdin>>,
@@ -87,7 +87,7 @@ impl Script {
         Self { child, stdin, stdout, path: path.trim().to_owned() }
     }
 
-    /// It is told each millisecond what it sees.
+    /// Sends the current distance to the script every millisecond.
     fn sees(&self, world: Arc<Mutex<World>>, beside: &Beside) {
         let stdin = self.stdin.clone();
         writeln!(stdin.lock().unwrap(), "follow").unwrap();
@@ -104,7 +104,7 @@ impl Script {
         });
     }
 
-    /// How many samples it has sent up to now.
+    /// Number of samples that the script has sent so far.
     fn count(&mut self) -> u64 {
         writeln!(self.stdin.lock().unwrap(), "count").unwrap();
         let mut line = String::new();
@@ -120,7 +120,7 @@ impl Drop for Script {
     }
 }
 
-/// What the program says of its samples at the end of a run.
+/// Sample counts in the program's output at the end of a run.
 #[derive(Debug)]
 struct Told {
     came: u64,
@@ -139,7 +139,7 @@ impl Told {
     }
 }
 
-/// Every core computes.
+/// Loads every core.
 fn load(beside: &Beside) {
     for seed in 0..std::thread::available_parallelism().map_or(2, usize::from) {
         let mut number = seed as u64;
@@ -152,7 +152,7 @@ fn load(beside: &Beside) {
     }
 }
 
-/// Samples that may have been on their way when the script was asked for its count.
+/// Number of samples that may be in transit when the script's count is requested.
 const ON_THE_WAY: u64 = 5000;
 
 pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
@@ -176,7 +176,7 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     let mut run = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let (mut said, mut told, mut sent) = (String::new(), None, Vec::new());
     for line in BufReader::new(run.stderr.take().unwrap()).lines().map(Result::unwrap) {
-        // The sensor is ready; all that is to be measured was measured.
+        // The sensor is ready; later, the measurement is complete.
         if line.contains("laser: serial sensor") || told.is_none() && Told::of(&line).is_some() {
             sent.push(script.count());
             told = told.or(Told::of(&line));
@@ -198,9 +198,9 @@ pub fn nothing_is_lost_at_1_khz_beside_a_running_cycle_and_load() {
     assert!(seconds > LEAST, "{seconds:?}");
     assert_eq!((told.missing, told.silences, flagged), (0, 0, 0), "{said}");
     assert_eq!(readings.len() % 20, 0);
-    // It listens while the machine moves or takes samples, which is most of the time. It does not while a stage is
-    // proven: at nice 10 beside this load that takes as long as the others let it, which is not judged here. Both
-    // together are all that was sent.
+    // The program reads the sensor while the machine moves or takes samples, which is most of the time. It does not
+    // while a stage is proven; at nice 10 under this load the duration of that is not tested. Both counts together
+    // are all samples that were sent.
     assert!(told.came > told.passed_over, "{told:?}");
     let [ready, measured] = sent[..] else { panic!("{sent:?} {said}") };
     let accounted = told.came + told.passed_over;

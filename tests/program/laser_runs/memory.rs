@@ -1,4 +1,4 @@
-//! What a whole run keeps in memory: the program itself is looked at while it measures.
+//! Memory use of a whole run, measured on the program during the run.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
@@ -7,15 +7,14 @@ use std::time::{Duration, Instant};
 
 use trued::store::{Journal, RunId};
 
-/// Each of its scans with so many samples at a point that the run is longer than half an hour of the machine's
-/// time.
+/// Enough samples at each point of each scan that the run is longer than half an hour of machine time.
 const SETTINGS: &str = "
 [method.laser-r-test]
 samples = 1300
 monte_carlo_trials = 100
 ";
 const LEAST_S: f64 = 1800.0;
-/// A reading that is kept: its position, sensor and time. More would be something that leaks.
+/// Maximum memory for a stored reading: its position, sensor and time. More would be a leak.
 const MOST_BYTES: f64 = 450.0;
 
 /// `VmRSS` or `VmHWM`, kB.

@@ -1,7 +1,6 @@
-//! Whole runs of the laser R-test by the program itself, against a simulated control and a sensor on a
-//! wire of this test: what becomes of them when the sensor fails in mid-scan, when the program is killed,
-//! when the sphere is moved meanwhile, and beside load. Scans in motion: against a control that stamps, played
-//! by the test as well.
+//! Whole runs of the laser R-test by the program itself, with a simulated control and a sensor on a wire of this
+//! test: the sensor fails during a scan, the program is killed, the sphere is moved meanwhile, and the computer is
+//! loaded. Scans in motion: with a control that reports time-stamped positions, also simulated by the test.
 
 use crate::support::harness::{Pool, Trials, trials};
 mod commands;

@@ -1,6 +1,6 @@
-//! A control that stamps its positions and a sensor beside it, both without a wire, on a clock that goes on
-//! by what they do: whatever happens to them in mid-pass happens at the same sample each time. The sensor
-//! says how far X is from the middle of the scan, so that each reading tells where it was taken.
+//! A control with time-stamped positions and a sensor, both without a wire, on a clock that their own actions
+//! advance: every event during a pass occurs at the same sample each time. The value of the sensor is the distance
+//! of X from the middle of the scan, so that each reading shows where it was taken.
 
 use std::sync::{Arc, Mutex};
 
@@ -17,42 +17,42 @@ use planning::gcode::Transmission;
 use planning::proof::ProvenBlock;
 
 pub const MIDDLE_MM: f64 = 80.0;
-/// Z of the scans, and from which on upwards the sensor has nothing within its range.
+/// Z of the scans, and Z above which the surface is out of the sensor's range.
 pub const SCAN_Z_MM: f64 = 220.0;
 pub const RANGE_ENDS_Z_MM: f64 = 230.0;
 pub const PERIOD_S: f64 = 1e-3;
-/// Stamps of a control that has lost some, or of another clock.
+/// Number of stamps that a control loses; time offset of a different clock.
 const LOST: usize = 50;
 const ELSEWHEN_S: f64 = 1e6;
 
-/// What happens in mid-pass.
+/// Event during a pass.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Event {
-    /// The sensor says no more than this.
+    /// The sensor reports only this flag from now on.
     Says(Flag),
-    /// So many samples do not come, and the sensor's counter says so.
+    /// This number of samples is lost, and the sensor's counter shows it.
     Loses(u32),
-    /// The counter says that so many are missing; none is.
+    /// The counter skips this number although no sample is missing.
     CountsAnew(u32),
     SensorGone,
     ControlGone,
-    /// A person asks for the hold.
+    /// The operator requests a hold.
     Hold,
-    /// Of the control's stamps: none; none from here on; none before; some are missing; from here on of
-    /// another clock; all of another clock.
+    /// Faults of the control's stamps: none at all; none from here on; none before; some missing; a different clock
+    /// from here on; a different clock for all.
     NoTrack,
     TrackEnds,
     TrackBegins,
     TrackGap,
     StampsJump,
     OtherClock,
-    /// The sensor says nothing unless it is asked.
+    /// The sensor sends nothing without a request.
     Mute,
-    /// The sensor sits so much lower than stated, mm; from the beginning.
+    /// The sensor is this much lower than stated, mm, from the beginning.
     SitsLower(f64),
 }
 
-/// In the scan in motion of this step, at this sample of it.
+/// Step of a scan in motion, index of the sample, and the event at it.
 pub type Plot = Option<(u32, usize, Event)>;
 
 #[derive(Default)]
@@ -60,16 +60,16 @@ pub struct Scene {
     t_s: f64,
     pub stands: Position,
     moving: bool,
-    /// The sensor has a sample to tell.
+    /// Whether the sensor has a sample to send.
     due: bool,
     plot: Plot,
-    /// From the moment on at which it came to pass.
+    /// Set when the event occurs.
     happens: Option<Event>,
     skipped: u32,
-    /// Steps of the blocks that were begun, and where the machine stood when it came to pass.
+    /// Steps of the blocks that were begun, and the machine position when the event occurred.
     pub begun: Vec<u32>,
     pub stood: Option<Position>,
-    /// All values that were said.
+    /// All values that the sensor has sent.
     pub said: Vec<f64>,
 }
 
@@ -80,7 +80,7 @@ pub fn shared(stands: Position) -> Shared {
 }
 
 impl Scene {
-    /// What the sensor says now; nothing as long as the machine moves and has not gone on.
+    /// Current output of the sensor; none while the machine moves and has not advanced.
     fn sample(&mut self) -> Option<Result<Sample, SensorError>> {
         if self.moving && !std::mem::take(&mut self.due) {
             return None;
@@ -96,7 +96,7 @@ impl Scene {
             }
             Some(Event::Loses(count)) if self.skipped < count => {
                 self.skipped += 1;
-                // Nothing comes; the machine goes on.
+                // No sample comes; the machine continues to move.
                 return None;
             }
             Some(Event::Loses(count)) => (flag, missing, self.happens) = (Flag::Gap, count, None),
@@ -114,7 +114,7 @@ impl Scene {
         Some(Ok(Sample { t_s: self.t_s, value_mm, flag, missing, encoder_count: None }))
     }
 
-    /// The control and the machine go on by a period.
+    /// Advances the control and the machine by one period.
     fn goes_on(&mut self, to: Position, (step, number): (u32, usize)) {
         self.t_s += PERIOD_S;
         (self.stands, self.moving, self.due) = (to, true, true);
@@ -175,7 +175,7 @@ impl sensors::Driver for Eye {
 
     async fn next(&mut self) -> Result<Sample, SensorError> {
         loop {
-            // Others want to go on as well.
+            // Let other tasks advance as well.
             tokio::task::yield_now().await;
             if let Some(sample) = self.0.lock().unwrap().sample() {
                 return sample;
@@ -193,7 +193,7 @@ struct Control {
     halt: Halt,
 }
 
-/// Open the control of `scene`, to which `plot` happens.
+/// Opens the control of `scene` with the event `plot`.
 pub fn control(scene: &Shared, plot: Plot) -> Controller {
     {
         let mut scene = scene.lock().unwrap();
@@ -205,7 +205,7 @@ pub fn control(scene: &Shared, plot: Plot) -> Controller {
     Controller::spawn(Control { scene: scene.clone(), halt: halt.clone() }, halt)
 }
 
-/// Where a motion leads to, and its speed in mm/s.
+/// Target of a motion, and its speed in mm/s.
 fn lead(motion: &Motion) -> Option<(&Position, f64)> {
     match motion {
         Motion::Rapid { to } => Some((to, 1000.0)),
@@ -214,7 +214,7 @@ fn lead(motion: &Motion) -> Option<(&Position, f64)> {
     }
 }
 
-/// All places from one to the other, a period apart.
+/// All positions from one to the other, one period apart.
 fn way(from: &Position, to: &Position, speed: f64) -> Vec<Position> {
     let to = from.updated_by(to);
     let far = from.iter().map(|(axis, at)| (to.at(axis) - at).abs()).fold(0.0, f64::max);
@@ -226,7 +226,7 @@ fn way(from: &Position, to: &Position, speed: f64) -> Vec<Position> {
 }
 
 impl Control {
-    /// Until the sensor has told of the place; a sensor that is not watched says nothing.
+    /// Waits until the sensor has sent a sample at the position; a sensor that is not monitored sends none.
     async fn told(&self) -> Result<(), ControllerError> {
         loop {
             {
@@ -274,7 +274,7 @@ impl Control {
         let sweeps = block.motions().count() > 1 && block.motions().all(level);
         let mut from = {
             let mut scene = self.scene.lock().unwrap();
-            // What was said at rest is over.
+            // Samples at rest are complete.
             scene.t_s += PERIOD_S;
             scene.stands.clone()
         };

@@ -1,4 +1,4 @@
-//! What a person gets wrong with a laser, told by the program itself: what it is, and what to do.
+//! User errors with a laser, as the program itself reports them: cause and remedy.
 
 use std::io::Write as _;
 use std::net::TcpListener;
@@ -29,7 +29,7 @@ fn machine(changes: &[(&str, &str)], settings: &str) -> String {
     format!("{text}\n[method.laser-r-test]\nmonte_carlo_trials = 100\n{settings}\n")
 }
 
-/// In an empty folder, with this machine file.
+/// Runs the program in an empty folder with this machine file.
 fn trued(folder: &Path, file: &str, arguments: &[&str]) -> Output {
     let machine = folder.join("laser.toml");
     std::fs::write(&machine, file).unwrap();
@@ -56,7 +56,7 @@ fn names(output: &Output, told: &[&str]) {
     }
 }
 
-/// `[sensor.can]` with this in place of its value and counter.
+/// `[sensor.can]` with this layout in place of its value and counter.
 fn frames(layout: &str) -> String {
     let table = format!(
         "[sensor.can]\ninterface = \"can0\"\nid = 0x181\norder = \"big\"\nlength = 6\n{layout}\n"
@@ -90,7 +90,7 @@ pub fn a_layout_that_cannot_be_is_refused_with_its_line() {
     }
 }
 
-/// A sensor at a port that says this again and again.
+/// A sensor on a port that sends these bytes repeatedly.
 fn saying(bytes: Vec<u8>) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let at = listener.local_addr().unwrap();
@@ -123,7 +123,7 @@ pub fn what_cannot_be_measured_is_refused_by_dwell_points_and_on_the_way_alike()
         let settings = |more: &str| format!("sampling = \"{sampling}\"\n{more}");
         let two = machine(&[], &settings("heights_mm = [-5.0, 5.0, 5.1]"));
         refused(&two, &["plan", METHOD], &["heights_mm names 2 heights", "name three heights"]);
-        // At some pose the sphere is beyond what an axis reaches.
+        // At some pose the sphere is beyond the travel of an axis.
         let far = machine(&[("centre_mm = [80.0,", "centre_mm = [205.0,")], &settings(""));
         refused(
             &far,
@@ -131,13 +131,13 @@ pub fn what_cannot_be_measured_is_refused_by_dwell_points_and_on_the_way_alike()
             &["at B -90°, C 0° Z would have to go to", "take the position out of tilt_deg"],
         );
     }
-    // Known once the sphere was seen.
+    // Known only after the sphere was measured.
     let high = machine(&[], "heights_mm = [-5.0, 0.0, 9.5]");
     let told = ["may be out of the sensor's range", "choose heights_mm nearer to the middle"];
     refused(&high, &["run", METHOD], &told);
 }
 
-/// What a run on the simulated machine measures, by `sampling`.
+/// Readings of a run on the simulated machine with `sampling`.
 fn measured(sampling: &str) -> (String, Plan, Vec<Reading>) {
     let settings = format!(
         "tilt_deg = [-60.0, 60.0]\nturn_deg = [120.0, 240.0]\nsampling = \"{sampling}\"\nrate_hz = 100.0"
@@ -159,7 +159,7 @@ fn identify((text, plan, readings): (&str, &Plan, &[Reading])) -> Output {
     trued(folder.path(), text, &["identify", METHOD, "--plan", &plan_at, "--readings", &csv])
 }
 
-/// With the samples that `lost` names out of range.
+/// Flags the samples for which `lost` is true as out of range.
 fn without(
     (plan, readings): (&Plan, &[Reading]),
     lost: impl Fn(&Step, &[Reading], &Reading) -> bool,
@@ -180,7 +180,7 @@ fn without(
     spoilt
 }
 
-/// Off the line of a cross that goes along X.
+/// Whether the reading is not on the line of a cross along X.
 fn off_the_first_line(scan: &[Reading], reading: &Reading) -> bool {
     let mut all: Vec<f64> = scan.iter().map(|reading| reading.position.at(Axis::Y)).collect();
     all.sort_by(f64::total_cmp);
@@ -199,7 +199,7 @@ pub fn readings_that_do_not_tell_are_refused_of_dwell_points_and_on_the_way_alik
         let told = ["needs scans at three heights, there are 1", "three heights_mm well apart"];
         names(&identify((&text, &plan, &one)), &told);
 
-        // What tells the latency stays as it is.
+        // The scans for the latency are unchanged.
         let flat = without((&plan, &readings), |step, scan, reading| {
             !step.label.starts_with("latency") && off_the_first_line(scan, reading)
         });

@@ -1,6 +1,6 @@
-//! A displacement sensor on a TCP port, written from what `docs/sensors.md` says of its lines: `M0,` the
-//! distance in mm and a counter of four digits, a thousand a second. It sees what stands in the simulated
-//! world, fails when it is told to, and is the witness of all that it has said.
+//! A displacement sensor on a TCP port, implemented from the line format in `docs/sensors.md`: `M0,` the distance
+//! in mm and a counter of four digits, a thousand a second. It measures the simulated world, fails on command, and
+//! records all samples that it has sent.
 
 use std::io::{self, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use machine::Position;
 use simulator::{Sensed, World};
 
-/// `[sensor.serial]` for it.
+/// `[sensor.serial]` for this sensor.
 pub fn table(address: SocketAddr) -> String {
     format!(
         r#"
@@ -28,27 +28,27 @@ counter = {{ column = 3, round = 10000 }}
     )
 }
 
-/// How it is.
+/// State of the sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum State {
     Well,
-    /// The surface lies beyond its range, and it says how far.
+    /// The surface is beyond its range, and the sensor reports the distance.
     Beyond,
     Saturated,
     Silent,
-    /// It falls silent after so many samples at the next place.
+    /// It stops sending after this number of samples at the next position.
     Resting(u32),
-    /// It has closed the link and takes no other.
+    /// It has closed the connection and accepts no other.
     Gone,
 }
 
-/// A distance that was said, and where the machine stood.
+/// A distance that was sent, and the machine position at that time.
 pub type Said = (f64, Position);
 
 pub struct Sender {
     pub address: SocketAddr,
     state: Arc<Mutex<State>>,
-    /// What it becomes while the machine moves.
+    /// State that the sensor takes when the machine next moves.
     later: Arc<Mutex<Option<State>>>,
     said: Arc<Mutex<Vec<Said>>>,
 }
@@ -82,22 +82,22 @@ impl Sender {
         *self.state.lock().unwrap() = state;
     }
 
-    /// As soon as the machine is seen to move.
+    /// Sets the state that applies as soon as the machine moves.
     pub fn becomes_on_the_way(&self, state: State) {
         *self.later.lock().unwrap() = Some(state);
     }
 
-    /// All distances so far, in their order.
+    /// All distances so far, in order.
     pub fn said(&self) -> Vec<Said> {
         self.said.lock().unwrap().clone()
     }
 }
 
-/// How long it has been looking from where the machine stands.
+/// Number of samples taken at the current position.
 struct Here {
     stands: Position,
     samples: u32,
-    /// The machine has come here since the sensor knows that it is to fall silent.
+    /// The machine has arrived here after the command to fail.
     next: bool,
 }
 
@@ -126,12 +126,12 @@ impl Sensor {
 
     fn serve(mut self, listener: &TcpListener) {
         loop {
-            // Whoever comes while it is gone waits.
+            // A client that connects in this state waits.
             while self.state() == State::Gone {
                 std::thread::sleep(PERIOD);
             }
             let Ok((stream, _)) = listener.accept() else { return };
-            // Its client has gone, or it has.
+            // The client or the sensor has disconnected.
             let _ = self.send(stream);
         }
     }
@@ -150,7 +150,7 @@ impl Sensor {
         }
     }
 
-    /// The machine does not move on before the line is on its way.
+    /// The machine does not move on before the line is sent.
     fn sample(&mut self, stream: &mut TcpStream, state: State) -> io::Result<()> {
         let mut world = self.world.lock().unwrap();
         let sensed = world.sense("laser", PERIOD.as_secs_f64()).expect("a sensor");

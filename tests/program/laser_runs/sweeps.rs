@@ -1,5 +1,5 @@
-//! Something happens in the middle of a scan in motion: the machine is held where it is, the error says what
-//! to do, nothing of the scan is kept and all that went before is; and a person lets the run go on.
+//! Events during a scan in motion: the machine is held where it is, the error gives the remedy, no part of the scan
+//! is kept, everything before it is, and an operator resumes the run.
 
 use devices::controllers::Halt;
 use machine::record::estimate::Estimate;
@@ -17,17 +17,17 @@ use super::played::{
     self, Event, Eye, Hands, MIDDLE_MM, PERIOD_S, Plot, RANGE_ENDS_Z_MM, SCAN_Z_MM, Shared,
 };
 
-/// A reference at rest (0), and two scans there and back.
+/// Number of steps: a reference at rest (0), and two scans there and back.
 const STEPS: u32 = 3;
 const POINTS: [f64; 3] = [-2.0, 0.0, 2.0];
 const SAMPLES: u32 = 5;
 const REACH_MM: f64 = 4.0;
 const FEED_MM_MIN: f64 = 600.0;
-/// Of a scan: one way there, one back, a sample a period.
+/// Samples in one direction of a scan, one per period.
 const WAY: usize = (2.0 * REACH_MM / (FEED_MM_MIN / 60.0) / PERIOD_S) as usize;
-/// In the middle of the way there, and of the way back, of the second scan.
+/// In the middle of the forward pass, and of the return pass, of the second scan.
 const THERE: (u32, usize) = (2, WAY / 2);
-/// What is so from the beginning meets the first.
+/// An event from the beginning affects the first scan.
 const FIRST: (u32, usize) = (1, 1);
 const BACK: (u32, usize) = (2, WAY + WAY / 2);
 
@@ -87,7 +87,7 @@ impl Method for Passes {
     }
 }
 
-/// A machine with control and sensor of [`played`], and its journal.
+/// A machine with the control and sensor of [`played`], and its journal.
 struct Shop {
     folder: tempfile::TempDir,
     file: MachineFile,
@@ -117,7 +117,7 @@ impl Shop {
         plan
     }
 
-    /// A run to which `plot` happens.
+    /// Runs the method with the event `plot`.
     async fn runs(&self, plot: Plot) -> (Result<(), RunError>, StoredRun, Halt) {
         let (devices, halt) = self.devices(plot).await;
         let journal = Journal::open(self.folder.path()).unwrap();
@@ -130,7 +130,7 @@ impl Shop {
         (ended, journal.load(id).unwrap(), halt)
     }
 
-    /// A person lets it go on; nothing happens any more.
+    /// Resumes the run without further events.
     async fn goes_on(&self, stored: StoredRun) -> StoredRun {
         let id: RunId = stored.summary.id;
         let (devices, _) = self.devices(None).await;
@@ -143,7 +143,7 @@ impl Shop {
         journal.load(id).unwrap()
     }
 
-    /// Each reading was said by the sensor, and stands where X was then.
+    /// Checks that each reading was sent by the sensor, at the X position of the reading.
     fn is_true(&self, readings: &[Reading], label: &str) {
         let said = &self.scene.lock().unwrap().said;
         let mut said = said.iter();
@@ -160,20 +160,20 @@ fn trial<T>(work: impl Future<Output = T>) -> T {
     tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(work)
 }
 
-/// Samples of each step, in the order of the readings.
+/// Number of samples of each step, in the order of the readings.
 fn counts(readings: &[Reading]) -> Vec<(u32, usize)> {
     let same =
         |one: &Reading, other: &Reading| (one.step, one.repeat) == (other.step, other.repeat);
     readings.chunk_by(same).map(|step| (step[0].step, step.len())).collect()
 }
 
-/// These steps, each whole.
+/// Expected counts of these steps, each complete.
 fn whole(steps: impl IntoIterator<Item = u32>) -> Vec<(u32, usize)> {
     let rests = POINTS.len() * SAMPLES as usize;
     steps.into_iter().map(|step| (step, if step == 0 { rests } else { 2 * WAY })).collect()
 }
 
-/// Whether the machine has to be held in mid-pass, or stands at the end of the scan anyway.
+/// Whether the machine must be held during the pass, or is at the end of the scan anyway.
 #[derive(Clone, Copy, PartialEq)]
 enum Then {
     Held,
@@ -192,13 +192,13 @@ async fn fails((at, event, then): ((u32, usize), Event, Then), words: &[&str]) {
     }
     {
         let scene = shop.scene.lock().unwrap();
-        // It stands where it stood, and nothing was begun after this scan.
+        // The machine has not moved, and no step after this scan has begun.
         if then == Then::Held {
             assert_eq!(Some(&scene.stands), scene.stood.as_ref(), "{label}: it moved on");
         }
         assert_eq!(scene.begun.last(), Some(&at.0), "{label}: something followed");
     }
-    // The control has stopped by itself where it is its own fault.
+    // A control that is gone has stopped by itself.
     let holds = then == Then::Held && event != Event::ControlGone;
     assert_eq!(halt.is_halted(), holds, "{label}");
     assert_eq!(stored.summary.state, RunState::Held, "{label}");
@@ -215,7 +215,7 @@ async fn fails((at, event, then): ((u32, usize), Event, Then), words: &[&str]) {
 
     let stored = shop.goes_on(stored).await;
     assert_eq!(stored.summary.state, RunState::NotIdentified, "{label}");
-    // Nobody has declared how its means repeat: the reference tells it, twice.
+    // The repeatability of its means is not declared: the reference is measured twice to determine it.
     let steps = (0..at.0).chain([0, 0]).chain(at.0..STEPS);
     assert_eq!(counts(&stored.readings), whole(steps), "{label}");
     shop.is_true(&stored.readings, &label);
@@ -269,7 +269,8 @@ pub fn what_fails_in_mid_pass_holds_the_machine_and_keeps_what_is_true() {
     });
 }
 
-/// Samples that the sensor has lost, and stamps that the control has: what is left is kept, flagged and told.
+/// Samples lost by the sensor, and stamps lost by the control: the remaining samples are kept, flagged and
+/// reported.
 pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
     let measured = |at: (u32, usize), event| {
         let shop = Shop::new();
@@ -293,7 +294,7 @@ pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
     assert_eq!((scan.len(), gaps(&scan)), (2 * WAY - 30, 1));
     assert!((longest(&scan) - 31.0 * PERIOD_S).abs() < 1e-9, "{}", longest(&scan));
 
-    // The counter alone has jumped.
+    // Only the counter has jumped.
     let (scan, _) = measured(THERE, Event::CountsAnew(60_000));
     assert_eq!((scan.len(), gaps(&scan)), (2 * WAY, 1));
 
@@ -306,7 +307,7 @@ pub fn what_is_lost_in_mid_pass_is_left_out_and_nothing_put_in_its_place() {
     assert!((longest(&scan) - 51.0 * PERIOD_S).abs() < 1e-9, "{}", longest(&scan));
 }
 
-/// Within its range from Z 245 down, where the machine file has it out of range down to Z 234.
+/// The surface is within the sensor's range from Z 245 down, but out of range down to Z 234 by the machine file.
 pub fn an_early_distance_holds_the_machine_on_its_way_down() {
     let shop = Shop::new();
     let lower = Event::SitsLower(15.0);

@@ -30,7 +30,7 @@ impl Measured {
         &self.readings
     }
 
-    /// However it ended.
+    /// The readings, whatever the result of the run.
     pub fn all_readings(&self) -> &[Reading] {
         &self.readings
     }
@@ -49,7 +49,7 @@ pub fn machine(controller: &str) -> String {
     }
 }
 
-/// In memory where there is such a folder: what is measured here is no disk.
+/// A folder in memory, if there is one: these tests do not test a disk.
 pub fn folder() -> tempfile::TempDir {
     let shm = std::path::Path::new("/dev/shm");
     let folder = if shm.is_dir() { tempfile::tempdir_in(shm) } else { tempfile::tempdir() };

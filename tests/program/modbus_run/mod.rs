@@ -1,7 +1,7 @@
-//! Self-calibration through a window of Modbus registers, over TCP and over RTU on a pseudo-terminal,
-//! as lines and by a resident program: the real run, with proof and journal, against the simulated
-//! control. The reference is the same run over the grbl wire, whose protocol shares nothing with these:
-//! what the control makes of the same lines, or of the same numbers, must come back the same.
+//! Self-calibration through a window of Modbus registers, over TCP and over RTU on a pseudo-terminal, as lines and
+//! by a resident program: the real run, with proof and journal, on the simulated control. The reference is the same
+//! run over the grbl wire, whose protocol shares nothing with these: the same lines, or the same numbers, must give
+//! the same readings.
 
 mod bench;
 mod schedules;

@@ -1,6 +1,5 @@
-//! Schedules of faults: short runs on a control that does wrong behind a wire that does wrong. Never a
-//! reading that the control did not make, never a line or a program twice, never a motion after a fault.
-//! `TRUED_FAULT_SEED=17` shows one alone.
+//! Fault schedules: short runs on a faulty control behind a faulty wire. No reading that the control did not make,
+//! no line or program executed twice, no motion after a fault. `TRUED_FAULT_SEED=17` runs one schedule alone.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -31,13 +30,13 @@ enum Wire {
     Rtu,
 }
 
-/// What is behind the window, and how it is reached.
+/// Type of the control behind the window, and its wire.
 #[derive(Debug, Clone, Copy)]
 struct Way {
     wire: Wire,
     resident: bool,
     full_schedules: u64,
-    /// Chunks and requests of a short run, about.
+    /// Approximate numbers of chunks and requests of a short run.
     chunks: u64,
     requests: u64,
 }
@@ -51,7 +50,7 @@ const PROGRAM: Way =
 const PROGRAM_RTU: Way = Way { wire: Wire::Rtu, full_schedules: 46, ..PROGRAM };
 
 impl Way {
-    /// All that can go wrong. A serial line has no connection that could be cut.
+    /// All faults that can occur. A serial line has no connection that could be cut.
     fn kinds(&self) -> Vec<FaultKind> {
         let besides = self.resident.then_some(FaultKind::OF_PROGRAM).into_iter().flatten();
         let kinds = FaultKind::ALL.into_iter().chain(besides);
@@ -59,8 +58,8 @@ impl Way {
     }
 }
 
-/// Distance of the seeds, `wanted` or the next above it that has no divisor in common with the number
-/// of kinds: the seed modulo that number is the kind of fault, so that each seed gives another kind.
+/// Distance of the seeds: `wanted`, or the next larger number without a common divisor with the number of kinds.
+/// The seed modulo that number selects the kind of fault, so that successive seeds give different kinds.
 fn stride(wanted: u64, kinds: u64) -> u64 {
     let is_coprime =
         |stride: &u64| (2..=kinds).all(|d| !(kinds.is_multiple_of(d) && stride.is_multiple_of(d)));
@@ -90,7 +89,7 @@ fn faults(way: &Way, seed: u64) -> Vec<Fault> {
     ]
 }
 
-/// Nothing is lost by them but time.
+/// Faults that cost only time.
 const PASSING: [FaultKind; 9] = [
     FaultKind::Late,
     FaultKind::Unanswered,
@@ -102,7 +101,7 @@ const PASSING: [FaultKind; 9] = [
     FaultKind::StaleResult,
     FaultKind::RepeatedResult,
 ];
-/// The control takes nothing any more.
+/// Faults after which the control accepts nothing.
 const FATAL: [FaultKind; 9] = [
     FaultKind::Silence,
     FaultKind::Frozen,
@@ -114,7 +113,7 @@ const FATAL: [FaultKind; 9] = [
     FaultKind::SkippedResult,
     FaultKind::StartedTwice,
 ];
-/// What the machine does is other than it would have been.
+/// Faults that change the behaviour of the machine.
 const OTHER_WORLD: [FaultKind; 5] = [
     FaultKind::ProbeStuck,
     FaultKind::ProbeDead,
@@ -127,7 +126,7 @@ struct Ended {
     measured: Measured,
     readings: Vec<Reading>,
     diary: Vec<Entry>,
-    /// Length of the diary when the run had ended.
+    /// Length of the diary when the run ended.
     mark: usize,
 }
 
@@ -135,15 +134,15 @@ fn file() -> String {
     machine("") + "\n[method.self-calibration]\npositions = 5\n"
 }
 
-/// Short, so that many schedules pass quickly.
+/// Short timeouts, so that many schedules finish quickly.
 fn patience(wire: Wire) -> Patience {
     let ms = Duration::from_millis;
-    // On a serial line a lost reply is waited for, and then asked whether it still comes.
+    // On a serial line the link waits for a lost reply, and then checks whether it still comes.
     let answer = if wire == Wire::Tcp { ms(1200) } else { ms(3000) };
     Patience { answer, poll: ms(10), stall: ms(1200), heartbeat: ms(1000) }
 }
 
-/// Serve it; where it is, as `[controller]` names it.
+/// Serves the control; returns its address as `[controller]`.
 async fn serve(firmware: Firmware, wire: Wire) -> (String, tokio::task::JoinHandle<()>) {
     match wire {
         Wire::Tcp => {
@@ -184,7 +183,7 @@ fn run(way: &Way, faults: Vec<Fault>) -> Ended {
         let devices = Devices::new(controller, dialect);
         let measured = Bench::of(self::file()).measure_with(&devices).await;
         let mark = diary.lock().unwrap().len();
-        // Whatever the driver might still say.
+        // Wait for late bytes of the driver.
         tokio::time::sleep(Duration::from_millis(30)).await;
         drop(devices);
         tokio::time::sleep(Duration::from_millis(10)).await;
@@ -210,7 +209,7 @@ fn taken(ended: &Ended) -> Vec<&str> {
     taken.collect()
 }
 
-/// Every breach, in words.
+/// Every violation, as text.
 fn breaches(ended: &Ended, clean: &Ended) -> Vec<String> {
     let kinds = wrong(ended);
     let mut all = Vec::new();
@@ -233,7 +232,7 @@ fn breaches(ended: &Ended, clean: &Ended) -> Vec<String> {
     all
 }
 
-/// Each reading is a contact of the control's, in their order, each at most once.
+/// Each reading is a contact of the control, in order, each at most once.
 fn invented(ended: &Ended) -> Option<String> {
     const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
     let mut contacts = ended.diary.iter().filter_map(|entry| match entry {
@@ -251,7 +250,7 @@ fn invented(ended: &Ended) -> Option<String> {
     made_up.map(|reading| format!("the control never made {reading:?}"))
 }
 
-/// No chunk is offered once hold was written, or when the run is over.
+/// No chunk is offered after a hold was written, or after the run has ended.
 fn asked_after_a_hold(ended: &Ended) -> Option<String> {
     let hold = ended.diary.iter().position(|entry| *entry == Entry::Hold);
     let from = hold.unwrap_or(ended.mark).min(ended.mark);
@@ -259,7 +258,7 @@ fn asked_after_a_hold(ended: &Ended) -> Option<String> {
     late.then(|| "a chunk was offered after the hold, or after the end".to_owned())
 }
 
-/// One chunk may be on its way when the control fails; it is not taken.
+/// One chunk may be in transit when the control fails; it is not accepted.
 fn taken_after_a_fault(ended: &Ended) -> Option<String> {
     let fatal = |entry: &Entry| matches!(entry, Entry::Wrong(kind) if FATAL.contains(kind));
     let after = ended.diary.iter().skip_while(|entry| !fatal(entry));
@@ -268,12 +267,12 @@ fn taken_after_a_fault(ended: &Ended) -> Option<String> {
         asked += u32::from(matches!(entry, Entry::Asked { .. }));
         took += u32::from(matches!(entry, Entry::Took { .. }));
     }
-    // What was asked for again, because nobody answered, has the same sequence.
+    // A chunk repeated for lack of an answer has the same sequence.
     (took > 0 || asked > 4)
         .then(|| format!("after the fault {asked} chunks were offered, {took} taken"))
 }
 
-/// What the control has taken it is not asked for once more.
+/// A chunk that the control has accepted is not offered again.
 fn asked_again(ended: &Ended) -> Option<String> {
     let mut last = None;
     ended.diary.iter().find_map(|entry| match entry {
@@ -318,7 +317,7 @@ pub fn no_program_starts_twice_over_rtu() {
     all_schedules(&PROGRAM_RTU, "OutOfStep");
 }
 
-/// `besides`: as some run ends that can do so this way alone.
+/// `besides`: an additional result of runs that is possible with this control and wire only.
 fn all_schedules(way: &Way, besides: &str) {
     let clean = run(way, Vec::new());
     assert!(clean.measured.result.is_ok(), "{:?}", clean.measured.result);
@@ -360,12 +359,12 @@ fn all_schedules(way: &Way, besides: &str) {
     let breached: Vec<_> = all.iter().filter(|(.., breaches)| !breaches.is_empty()).collect();
     assert!(breached.is_empty(), "{breached:#?}");
     if schedules < way.full_schedules {
-        // Too few for each kind of fault: several must have come about.
+        // Too few schedules for all kinds of fault: several kinds must have occurred.
         let least = (schedules.min(way.kinds().len() as u64) / 4).max(1) as usize;
         assert!(endings.len() > 1 && kinds.len() >= least, "{endings:?} {kinds:?}");
         return;
     }
-    // Each fault and each ending came about.
+    // Each fault and each result occurred.
     let missing: Vec<_> =
         way.kinds().into_iter().filter(|kind| !kinds.contains_key(kind)).collect();
     assert!(missing.is_empty(), "{missing:?}");

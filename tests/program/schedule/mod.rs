@@ -1,6 +1,6 @@
-//! The schedule of the real daemon, on a clock that is set under it (`tests/peers/clock/shim.c`). Instants
-//! are those of UTC; that 02:30 in Berlin is 00:30 or 01:30 on these days is known from Python's zoneinfo,
-//! not from the program.
+//! The schedule of the real daemon, on a clock that the test sets (`tests/peers/clock/shim.c`). Instants are UTC;
+//! the UTC times of 02:30 in Berlin, 00:30 or 01:30 on these days, come from Python's zoneinfo, not from the
+//! program.
 
 mod schedule_setup;
 mod set_clock;
@@ -30,7 +30,7 @@ fn daylight_saving_both_ways() {
     assert_eq!(told["planned"][0]["next"][0], "2027-03-29T02:30:00+02:00[Europe/Berlin]");
     assert_eq!(told["armed"][0]["who"], "Ada");
     assert_eq!(told["last"][0]["run"], 1);
-    // Months later; what lies between is missed. No sooner than the clock was looked at again.
+    // Months later; the slots in between are missed. The jump is detected when the clock is next read.
     setup.wall.set("2027-10-31T00:29:50Z");
     daemon.wait_for_log("schedule dawn of 2027-10-30T00:30:00Z: missed: the clock went forward");
     daemon.wait_for_log("schedule dawn of 2027-10-31T00:30:00Z: ran: verdict pass");
@@ -52,7 +52,7 @@ fn a_clock_set_back_in_mid_run() {
     daemon.wait_for_log("schedule dawn of 2026-11-23T04:30:00Z comes again; it started already");
     setup.one("2026-11-23T04:30:00Z", "started", "");
     assert_eq!(setup.shop.states(), ["running"]);
-    // Held: so it failed, and nothing is armed any more.
+    // The run was held: the slot failed, and the schedule is disarmed.
     assert_eq!(daemon.http().post("hold", &json!({})).0, 202);
     setup.one("2026-11-23T04:30:00Z", "failed", "run 1 is held");
     setup.wall.set("2026-11-23T04:29:57Z");
@@ -70,7 +70,7 @@ fn a_manual_run_is_on() {
     start(&daemon);
     setup.wall.set("2026-11-23T04:29:58Z");
     daemon.wait_for_log("schedule dawn of 2026-11-23T04:30:00Z waits: not ready: a run is on");
-    // It is told a moment after it is logged.
+    // The page shows it a moment after it is logged.
     let waits = || schedule(&daemon)["planned"][0]["waiting"].as_str().map(str::to_owned);
     let told = (0..100).find_map(|_| {
         sleep(Duration::from_millis(100));
@@ -106,7 +106,7 @@ fn a_machine_that_is_not_ready() {
     daemon.wait_for_log("waits: not ready: the machine does not tell that the artefact");
     setup.machine.tells(&format!("{READY} ARTEFACT"));
     setup.one("2026-11-23T04:30:00Z", "ran", "verdict pass");
-    // What it does not tell at all within the time that is granted is skipped.
+    // If the machine reports nothing within the allowed time, the slot is skipped.
     setup.machine.tells("TELL");
     setup.wall.set("2026-11-24T04:29:55Z");
     daemon.wait_for_log("schedule dawn of 2026-11-24T04:30:00Z waits");
@@ -131,7 +131,7 @@ fn the_power_goes_over_its_time_and_in_its_run() {
     setup.wall.set("2026-11-24T04:29:58Z");
     daemon.http().wait_until(|standing| standing["measured"].as_u64() > Some(0));
     until_run(&daemon);
-    // It is killed here.
+    // The daemon is killed here.
     drop(daemon);
     let daemon = setup.shop.serve("real");
     daemon.wait_for_log("schedule: disarmed: run 1 did not come to its end");
@@ -159,7 +159,7 @@ fn a_call_that_a_cycle_is_due_is_judged_like_the_schedule() {
         daemon.http().post("arm", &words)
     };
     assert_eq!(arm("yesterday").0, 400);
-    // Of one second there is one slot, and that was skipped.
+    // A second has one slot, and that one was skipped.
     a_while();
     let (status, told) = arm("12h");
     let until = told["armed"][0]["until"].as_str().unwrap_or("");

@@ -1,4 +1,4 @@
-//! A daemon with one schedule, on a clock that the trial sets, with a machine that reports its interlocks.
+//! A daemon with one schedule, on a clock that the test sets, with a machine that reports its interlocks.
 
 use std::thread::sleep;
 use std::time::{Duration, Instant};
@@ -20,7 +20,7 @@ pub struct ScheduleSetup {
 }
 
 impl ScheduleSetup {
-    /// On a clock that shows `now`; `more` of the one schedule, `at` in Berlin.
+    /// The clock shows `now`; `more`: other keys of the one schedule, `at`: its time in Berlin.
     pub fn new(now: &str, at: &str, more: &str) -> Self {
         let (wall, machine) = (Wall::showing(now), Machine::new());
         let port = machine.port;
@@ -38,7 +38,7 @@ impl ScheduleSetup {
         assert!(output.status.success(), "{}", stderr(&output));
     }
 
-    /// Each slot of the journal, newest first: instant, outcome, why.
+    /// Each slot of the journal, newest first: instant, outcome, reason.
     pub fn slots(&self) -> Vec<[String; 3]> {
         let told = self.shop.json(&["schedule", NAME, "--json"]);
         let text = |slot: &Value, key: &str| slot[key].as_str().unwrap().to_owned();
@@ -46,7 +46,7 @@ impl ScheduleSetup {
         slots.map(|slot| ["at", "outcome", "why"].map(|key| text(slot, key))).collect()
     }
 
-    /// Until the newest slot has come to `outcome`; all of them.
+    /// Waits until the newest slot has the outcome `outcome`; returns all slots.
     pub fn until(&self, outcome: &str) -> Vec<[String; 3]> {
         let started = Instant::now();
         loop {
@@ -75,7 +75,7 @@ pub fn schedule(daemon: &DaemonProcess) -> Value {
     daemon.http().get(&format!("{MACHINE}/schedule"))
 }
 
-/// Until the journal knows the run of the newest slot.
+/// Waits until the journal has the run of the newest slot.
 pub fn until_run(daemon: &DaemonProcess) {
     let started = Instant::now();
     loop {

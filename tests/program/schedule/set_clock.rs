@@ -1,4 +1,4 @@
-//! The clock on the wall, under the daemon and the commands alike; and the machine that tells how it stands.
+//! The wall clock of the daemon and of the commands; and a machine that reports its state.
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
@@ -37,11 +37,11 @@ impl Wall {
         self.folder.path().join("ahead")
     }
 
-    /// From now on it shows `now`, and goes on from there.
+    /// Sets the time to `now`, from which it advances.
     pub fn set(&self, now: &str) {
         let now: Timestamp = now.parse().unwrap();
         let real = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs();
-        // Whole: whoever reads it in between sees the old or the new.
+        // Replaced atomically: a reader gets the old or the new time.
         let new = self.folder.path().join("new");
         fs::write(&new, (now.as_second() - real as i64).to_string()).unwrap();
         fs::rename(&new, self.file()).unwrap();
@@ -56,7 +56,7 @@ impl Wall {
     }
 }
 
-/// A line over TCP, as a serial server carries it, that tells every 200 ms what it is given here.
+/// A line over TCP, as a serial server carries it, that sends this text every 200 ms.
 pub struct Machine {
     pub port: u16,
     words: Arc<Mutex<String>>,
@@ -93,10 +93,10 @@ impl Machine {
         Self { port, words, heard }
     }
 
-    /// From now on; the daemon has heard it.
+    /// Sends `words` from now on; returns after the daemon has received them.
     pub fn tells(&self, words: &str) {
         *self.words.lock().unwrap() = words.to_owned();
-        // What was on its way already, and then these.
+        // One line that was already in transit, and one with the new words.
         let before = self.heard.load(Ordering::SeqCst);
         while self.heard.load(Ordering::SeqCst) < before + 2 {
             sleep(Duration::from_millis(20));

@@ -1,4 +1,4 @@
-//! What a control receives is what the proof has read, byte for byte.
+//! The bytes that a control receives are exactly the bytes that the proof has read.
 
 use std::sync::{Arc, Mutex};
 
@@ -27,7 +27,7 @@ pub fn trials() -> Trials {
     ]
 }
 
-/// Keeps what each block says on its way to the driver.
+/// Keeps the text of each block before it reaches the driver.
 struct Recorded {
     inner: Controller,
     lines: Arc<Mutex<Vec<String>>>,
@@ -62,8 +62,8 @@ impl Driver for Recorded {
     }
 }
 
-/// What was proven in one run: the lines of all blocks, and the rows of each, as the diary of the
-/// simulated control shows a table that it has decoded.
+/// The proven text of one run: the lines of all blocks, and the rows of each, in the format in which the simulated
+/// control's diary shows a decoded table.
 struct Proven {
     head: Vec<String>,
     lines: Vec<String>,
@@ -71,7 +71,7 @@ struct Proven {
     rows: Vec<String>,
 }
 
-/// A motion as a row of a table, in the diary's words.
+/// A motion as a row of a table, in the format of the diary.
 fn row(motion: &Motion) -> String {
     let (does, to, value) = match motion {
         Motion::Rapid { to } => ("Rapid", to.clone(), 0.0),
@@ -83,13 +83,13 @@ fn row(motion: &Motion) -> String {
         Motion::Dwell { seconds } => ("Dwell", Position::new(), *seconds),
         Motion::Orient { s } => ("Orient", Position::new(), s.to_degrees()),
     };
-    // To a tenth of a micrometre, and without the sign of zero.
+    // Rounded to a tenth of a micrometre, and without a negative zero.
     let edge = |axis: Axis, at: f64| (axis.to_edge(at) * 1e4).round() / 1e4 + 0.0;
     let axes = to.iter().map(|(axis, at)| format!(" {axis}{:.4}", edge(axis, at)));
     format!("{does}{} {value}", axes.collect::<String>())
 }
 
-/// A whole run of `method` by the machine file `text`.
+/// A whole run of `method` with the machine file `text`.
 async fn measure(text: String, method: &str) -> Proven {
     let file = MachineFile::parse("machine.toml", text).unwrap();
     let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
@@ -117,7 +117,7 @@ fn on_a_runtime<T>(work: impl Future<Output = T>) -> T {
     tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap().block_on(work)
 }
 
-/// The lines that grbl received are queries, the head, the proven lines, the foot and the modes found.
+/// The lines that grbl received are queries, the head, the proven lines, the foot and the modes that were read.
 fn grbl(method: &str) {
     let control = RecordingControl::start();
     let text = recording_control::machine(&control.address()) + "positions = 5\n";
@@ -139,7 +139,7 @@ pub fn grbl_receives_the_proven_lines_of_a_latch_delay() {
     grbl("latch-delay");
 }
 
-/// What a control behind a window of registers took, and what was proven.
+/// The text that a control behind a window of registers accepted, and the proven text.
 fn window(resident: bool) -> (Vec<String>, Proven) {
     on_a_runtime(async {
         let text = include_str!("../../../config/simulated.toml");

@@ -1,10 +1,10 @@
-//! A held run goes on from the page, and a result is signed: what is refused, and what it takes.
+//! Resuming a held run from the page, and signing a result: requirements and refusals.
 
 use crate::support::http::{HTTP, error_code, start_request};
 use crate::support::machine_shop::MachineShop;
 use serde_json::{Value, json};
 
-/// The control restarts on the way, after the references: the axes must be homed, and somebody must say so.
+/// The control restarts after the references: the axes must be homed, and the operator must confirm it.
 pub fn resumed() {
     let shop = MachineShop::with_serve(HTTP);
     shop.change("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5");
@@ -38,14 +38,14 @@ pub fn resumed() {
     let audits = http.get("/api/v1/audit");
     let (what, why) = (&audits[0]["what"], &audits[0]["why"]);
     assert_eq!((what, why), (&json!("resume of run 1"), &json!("the plug sat loose")));
-    // The same fault again: held, but farther on, and the same run.
+    // The same fault again: the same run is held at a later step.
     http.wait_until(|standing| standing["state"] == "held" && readings() > before);
     assert_eq!(shop.states(), ["held"]);
     let story = http.get("/api/v1/runs/1")["story"].to_string();
     assert!(story.contains("acknowledged by Ada") && story.contains("resumed after"), "{story}");
 }
 
-/// Bound to the estimate that was read; by name.
+/// A signature belongs to the estimate that was read, and has a name.
 pub fn signed() {
     let shop = MachineShop::with_serve(HTTP);
     let daemon = shop.serve("fast");
@@ -66,7 +66,7 @@ pub fn signed() {
     assert_eq!(http.get("/api/v1/runs")[0]["signed"], "Lise");
     let audit = &http.get("/api/v1/audit")[0];
     assert_eq!((&audit["who"], &audit["what"]), (&json!("Lise"), &json!("signature under run 1")));
-    // Identified again from the same readings it is the same estimate.
+    // A new identification of the same readings gives the same estimate.
     shop.json(&["identify", "self-calibration", "--run", "1", "--json"]);
     assert_eq!(http.get("/api/v1/runs")[0]["signed"], "Lise");
     let other = json!({"who": "Ada", "estimate": hash});

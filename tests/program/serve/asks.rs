@@ -1,9 +1,9 @@
-//! The command, while a daemon has the machine.
+//! The command `trued run` while a daemon has the machine.
 
 use crate::support::http::HTTP;
 use crate::support::machine_shop::MachineShop;
 
-/// It asks the daemon for its cycle, and ends as if it had measured itself.
+/// The command requests the cycle from the daemon, and ends as if it had measured itself.
 pub fn a_cycle() {
     let shop = MachineShop::with_serve(HTTP);
     let daemon = shop.serve("fast");
@@ -30,8 +30,8 @@ pub fn a_cycle() {
     assert!(daemon.log().contains("cycle 1 is started by Ada"));
 }
 
-/// Another machine file than the daemon's is not passed over, be it another one or its own, changed since; a copy
-/// says the same.
+/// A machine file that differs from the daemon's is not ignored, whether it is another file or the same file after
+/// a change; an identical copy is accepted.
 pub fn another_file() {
     let shop = MachineShop::with_serve(HTTP);
     let _daemon = shop.serve("fast");
@@ -55,7 +55,7 @@ pub fn another_file() {
     assert_eq!(shop.states(), ["finished"]);
 }
 
-/// Without a page nobody can be asked: who has the machine is told.
+/// Without a page there is no interface for the request: the message names the process that has the machine.
 pub fn no_page() {
     let shop = MachineShop::with_serve("[serve.line]\ntcp = \"127.0.0.1:9\"\n");
     let daemon = shop.serve("fast");

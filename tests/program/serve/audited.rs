@@ -1,5 +1,5 @@
-//! What stands in the audit log: every call that changes something, also of one who has gone, and why; and no
-//! more of it than can be read.
+//! Content of the audit log: every call that changes something, with its reason, also of a client that has
+//! disconnected; and a bound on its size.
 
 use std::io::Write;
 use std::net::TcpStream;
@@ -14,7 +14,7 @@ const PATIENCE: Duration = Duration::from_secs(300);
 const SCHEDULE: &str =
     "[[serve.schedule]]\nname = \"dawn\"\ncycle = 1\nat = \"30 5 1 1 *\"\nzone = \"UTC\"\n";
 
-/// Newest first, page by page.
+/// Audit entries, newest first, page by page.
 fn audits(port: u16) -> Vec<Value> {
     let (mut all, mut before) = (Vec::<Value>::new(), String::new());
     loop {
@@ -28,7 +28,7 @@ fn audits(port: u16) -> Vec<Value> {
     }
 }
 
-/// So many of them.
+/// Waits for `count` entries of `what`.
 fn until_audited(port: u16, what: &str, count: usize) {
     let started = Instant::now();
     loop {
@@ -41,8 +41,8 @@ fn until_audited(port: u16, what: &str, count: usize) {
     }
 }
 
-/// Somebody leans on the button: each hold is done, few have a line, none is lost; and one that holds a run has
-/// a line of its own all the same.
+/// The hold button is pressed continuously: each hold is executed, few have a separate entry, none is lost; a hold
+/// that stops a run always has its own entry.
 pub fn holds() {
     const HOLDS: u64 = 200;
     let shop = MachineShop::with_serve(HTTP);
@@ -62,7 +62,7 @@ pub fn holds() {
     let all = audits(port);
     let of_run: Vec<&Value> = all.iter().filter(|audit| held(audit)).collect();
     assert_eq!((of_run.len(), &of_run[0]["why"]), (1, &json!("smoke")));
-    // The others are told by number.
+    // The other holds are counted in the text.
     let counted = |audit: &Value| {
         let told = audit["outcome"].as_str().unwrap().strip_prefix("accepted, ")?;
         told.split(' ').next()?.parse::<u64>().ok()
@@ -77,7 +77,7 @@ pub fn holds() {
     assert!(all.iter().all(|audit| audit["why"].as_str().unwrap().len() <= 500));
 }
 
-/// By pages, each row once; what is no word of a list is refused, not passed over.
+/// By pages, each row once; an unknown filter value is refused, not ignored.
 pub fn pages() {
     let shop = MachineShop::with_serve(HTTP);
     let daemon = shop.serve("fast");
@@ -96,7 +96,7 @@ pub fn pages() {
     }
 }
 
-/// Whoever asks may say why, and it is kept.
+/// A request may state a reason, and it is stored.
 pub fn reasons() {
     let shop = MachineShop::with_serve(&format!("{SCHEDULE}{HTTP}"));
     let daemon = shop.serve("real");
@@ -122,7 +122,7 @@ pub fn reasons() {
     }
 }
 
-/// The socket is closed as soon as the words are sent.
+/// The socket is closed as soon as the request is sent.
 pub fn gone() {
     let shop = MachineShop::with_serve(&format!("{SCHEDULE}{HTTP}"));
     let daemon = shop.serve("fast");

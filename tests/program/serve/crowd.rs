@@ -1,5 +1,6 @@
-//! A thousand connections at once: silent ones, slow heads, slow bodies, readers who take nothing, listeners.
-//! They are other processes: this one may have too few files, and is not to be measured with them.
+//! A thousand connections at once: silent ones, slow heads, slow bodies, clients that read nothing, event
+//! listeners. They run in other processes: this one may have too few file descriptors, and must not be measured
+//! with them.
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
@@ -20,17 +21,17 @@ const ASKED: &str = "TRUED_TEST_CROWD";
 const CONNECTS: &str = "TRUED_TEST_CONNECTS";
 const CROWDS: usize = 2;
 const EACH: usize = 500;
-/// A crowd may cost the daemon so much memory, KiB: the bounds of docs/page.md, and room.
+/// Maximum additional memory of the daemon, KiB: the limits of docs/page.md, with a margin.
 const MOST_KIB: u64 = 32 * 1024;
 
-/// The port that this process is to crowd, and the token that it has.
+/// Port and token for a child process that acts as the crowd.
 pub fn asked_for() -> Option<(u16, String)> {
     let asked = std::env::var(ASKED).ok()?;
     let (port, token) = asked.split_once(' ')?;
     Some((port.parse().ok()?, token.to_owned()))
 }
 
-/// Until it is killed; says so once each has been connected.
+/// Runs the crowd until the process is killed; prints a line once all clients have been connected.
 pub fn be(port: u16, token: &str) {
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
     runtime.block_on(async {
@@ -46,14 +47,14 @@ pub fn be(port: u16, token: &str) {
     });
 }
 
-/// The port that this process is to connect to and nothing else, and from which address.
+/// Port, and source address, for a child process that only connects.
 pub fn asked_to_connect() -> Option<(u16, Ipv4Addr)> {
     let asked = std::env::var(CONNECTS).ok()?;
     let (port, from) = asked.split_once(' ')?;
     Some((port.parse().ok()?, from.parse().ok()?))
 }
 
-/// As fast as it goes, until it is killed; says nothing there.
+/// Connects as fast as possible until the process is killed; sends nothing.
 pub fn only_connect(port: u16, from: Ipv4Addr) {
     const KEPT: usize = 200;
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
@@ -76,7 +77,7 @@ pub fn only_connect(port: u16, from: Ipv4Addr) {
     });
 }
 
-/// Comes again whenever it is shown out.
+/// One client; it reconnects whenever it is disconnected.
 async fn one(port: u16, token: String, number: usize, tell: tokio::sync::mpsc::Sender<()>) {
     let mut first = Some(tell);
     loop {
@@ -84,7 +85,7 @@ async fn one(port: u16, token: String, number: usize, tell: tokio::sync::mpsc::S
             if let Some(tell) = first.take() {
                 tell.send(()).await.unwrap();
             }
-            // Whatever ends it.
+            // Any end of the connection is accepted.
             let _ = misbehave(stream, port, &token, number % 6).await;
         }
         sleep(Duration::from_secs(3)).await;
@@ -119,7 +120,7 @@ async fn misbehave(
                 sleep(Duration::from_millis(200)).await;
             }
         }
-        // Asks on and on, and takes no answer.
+        // Sends requests continuously and reads no response.
         4 => {
             let request = format!("GET /runs/1 HTTP/1.1\r\n{host}\r\n").repeat(20);
             stream.write_all(request.as_bytes()).await?;
@@ -134,7 +135,7 @@ async fn misbehave(
     Ok(())
 }
 
-/// Killed with this value.
+/// A child process, killed when dropped.
 struct Crowd(Child);
 
 impl Drop for Crowd {
@@ -161,14 +162,14 @@ impl Crowd {
     }
 }
 
-/// The most memory that the daemon has had in it at once, KiB.
+/// Peak memory of the daemon, KiB.
 fn high_water(daemon: &DaemonProcess) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{}/status", daemon.child.id())).unwrap();
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:")).unwrap();
     line.trim().strip_suffix(" kB").unwrap().parse().unwrap()
 }
 
-/// The figures of the next run.
+/// The results of the next run.
 fn measure(guarded: &Guarded) -> Value {
     let before = guarded.standing()["run"].as_u64().unwrap();
     assert_eq!(guarded.post("start", &guarded.operator, &start_request()), 202);
@@ -181,7 +182,7 @@ pub fn beside_a_run() {
     let wanted = measure(&guarded);
     let calm_kib = high_water(&guarded.daemon);
     let crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(&guarded)).collect();
-    // What was measured among them is what was measured without them, to the last digit.
+    // The results with the crowd equal those without it, to the last digit.
     assert_eq!(measure(&guarded), wanted);
     assert!(wanted.as_array().unwrap().len() > 5);
     let crowd_kib = high_water(&guarded.daemon);
@@ -191,7 +192,7 @@ pub fn beside_a_run() {
     assert!(!guarded.daemon.log().contains("panicked"));
 }
 
-/// And it is held, whoever else is there.
+/// A hold works in spite of the crowd.
 pub fn and_a_hold() {
     let guarded = Guarded::new("real");
     let _crowds: Vec<Crowd> = (0..CROWDS).map(|_| Crowd::at(&guarded)).collect();
@@ -202,7 +203,7 @@ pub fn and_a_hold() {
     assert_eq!(guarded.shop.states(), ["held"]);
 }
 
-/// Three processes that do nothing but connect, again and again, from other addresses: no hold is lost.
+/// Three processes that only connect, continuously, from other addresses: no hold is lost.
 pub fn who_only_connect() {
     let guarded = Guarded::new("fast");
     let crowds = [2, 3, 4].map(|last| {
@@ -215,7 +216,7 @@ pub fn who_only_connect() {
     drop(crowds);
 }
 
-/// The 65th listener of one caller takes the place of his own oldest.
+/// The 65th listener of one caller replaces the oldest of the same caller.
 pub fn listeners() {
     let guarded = Guarded::new("fast");
     let listen = |token: &str| {
@@ -240,7 +241,7 @@ pub fn listeners() {
             }
         }
     };
-    // The task of one that is shown out ends in its turn.
+    // The task of a closed connection ends some time later.
     for _ in 0..100 {
         let closed = crowd.extract_if(.., |stream| is_closed(stream)).count();
         gone += closed;

@@ -1,5 +1,5 @@
-//! Whoever should not get in, or wants the server to break: without a token, with one of somebody else's
-//! role, from another site's page, with paths that lead elsewhere.
+//! Unauthorised or hostile requests: without a token, with a token of another role, from another site's page, with
+//! paths outside of the interface.
 
 use std::io::{Read, Write};
 use std::net::TcpStream;
@@ -13,7 +13,7 @@ use serde_json::{Value, json};
 
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// With three tokens, a proxy's name, and the daemon that asks for them.
+/// A machine with three tokens and a proxy's name, and its daemon.
 pub struct Guarded {
     pub shop: MachineShop,
     pub daemon: DaemonProcess,
@@ -38,7 +38,7 @@ impl Guarded {
         Self::with(speed, |_| {})
     }
 
-    /// With another machine file.
+    /// With a changed machine file.
     pub fn with(speed: &str, change: impl FnOnce(&MachineShop)) -> Self {
         let shop =
             MachineShop::with_serve(&format!("{HTTP}names = [\"true.example\"]\ntokens = true\n"));
@@ -55,7 +55,7 @@ impl Guarded {
         HttpClient::at(self.port).request("GET", path, headers, "").0
     }
 
-    /// A program's call.
+    /// A POST request of a program.
     pub fn post(&self, what: &str, token: &str, body: &Value) -> u16 {
         let headers = format!("{JSON}{}", bearer(token));
         HttpClient::at(self.port)
@@ -82,12 +82,12 @@ impl Guarded {
         }
     }
 
-    /// What the daemon answers, with its head.
+    /// The daemon's complete response, with its head.
     pub fn whole(&self, request: &str) -> String {
         raw(self.port, request.as_bytes())
     }
 
-    /// The cookie that the page sets, with what it says of it.
+    /// The cookie that the page sets, with its attributes.
     pub fn come_in(&self, token: &str, host: &str) -> String {
         let body = format!("token={token}");
         let answer = self.whole(&format!(
@@ -100,18 +100,18 @@ impl Guarded {
     }
 }
 
-/// Whatever comes until the server closes.
+/// All bytes until the server closes.
 fn raw(port: u16, request: &[u8]) -> String {
     let mut stream = TcpStream::connect(("127.0.0.1", port)).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
-    // It may close before all is said.
+    // The server may close before all bytes are sent.
     let _ = stream.write_all(request);
     let mut answer = Vec::new();
     let _ = stream.read_to_end(&mut answer);
     String::from_utf8_lossy(&answer).into_owned()
 }
 
-/// Each role gets what it may, and the log says whose token it was.
+/// Each role can do what it is allowed to, and the log names the token.
 pub fn roles() {
     let guarded = Guarded::new("real");
     let Guarded { viewer, operator, metrologist, .. } = &guarded;
@@ -138,7 +138,7 @@ pub fn roles() {
     assert_eq!(guarded.post("acknowledge", viewer, &start_request()), 403);
     assert_eq!(guarded.shop.states(), Vec::<String>::new());
     assert_eq!(guarded.post("start", operator, &start), 202);
-    // A hold is refused to nobody who is known, whatever he says beside it.
+    // A hold is accepted from every authenticated client, whatever else the request contains.
     let spoilt = format!("{JSON}{}", bearer(viewer));
     assert_eq!(
         HttpClient::at(guarded.port)
@@ -153,14 +153,15 @@ pub fn roles() {
     let audits: Vec<Value> = serde_json::from_str(&audits).unwrap();
     let who: Vec<&str> = audits.iter().map(|audit| audit["who"].as_str().unwrap()).collect();
     assert_eq!(who, ["a-metrologist: Ada", "a-viewer", "a-operator"]);
-    // From the moment it is revoked it opens nothing; the others do.
+    // A revoked token is refused at once; the others remain valid.
     assert!(guarded.shop.trued(&["token", "revoke", "a-operator"]).status.success());
     assert_eq!(guarded.post("start", operator, &start), 401);
     assert_eq!(guarded.get("/runs", &bearer(operator)), 401);
     assert_eq!(guarded.get("/runs", &bearer(metrologist)), 200);
 }
 
-/// A browser's session: a cookie that no script and no other site's page gets, and that alone is not enough.
+/// A browser's session: a cookie that no script and no other site's page can read, and that alone is not
+/// sufficient.
 pub fn sessions() {
     let guarded = Guarded::new("fast");
     let here = format!("localhost:{}", guarded.port);
@@ -191,7 +192,7 @@ pub fn sessions() {
     assert_eq!(guarded.shop.states(), Vec::<String>::new());
     assert_eq!(start(&format!("Origin: http://{here}\r\n")), 303);
     guarded.until(|now| now["state"] == "waiting");
-    // Who leaves has left; whose token is revoked is out.
+    // A client that signs out, or whose token is revoked, has no session.
     let other = guarded.come_in(&guarded.metrologist, &here);
     let other = format!("Cookie: {}\r\n", other.split(';').next().unwrap());
     assert_eq!(guarded.get("/runs", &other), 200);
@@ -202,10 +203,10 @@ pub fn sessions() {
     assert_eq!(guarded.get("/runs", &cookie), 401);
 }
 
-/// Somebody tries tokens; somebody starts and starts. Others are not held up by it, and no hold is.
+/// One client guesses tokens, another sends many starts. Other clients are not delayed, and no hold is.
 pub fn too_often() {
     let guarded = Guarded::new("fast");
-    // However slow this computer is, so many come before the first is let through again.
+    // The first refusal comes within this number of tries, however slow the computer is.
     let tries = (0..500).map(|n| guarded.get("/runs", &bearer(&format!("trued_{n}"))));
     assert!(tries.take_while(|status| *status == 401).count() < 500);
     assert_eq!(guarded.get("/runs", &bearer(&guarded.viewer)), 200);
@@ -219,7 +220,7 @@ pub fn too_often() {
     assert_eq!(guarded.post("acknowledge", &guarded.metrologist, &nothing), 409);
 }
 
-/// Ways round the door, and requests that are none.
+/// Paths that try to bypass the access control, and malformed requests.
 pub fn paths() {
     let guarded = Guarded::new("fast");
     let paths = [
@@ -261,10 +262,10 @@ pub fn paths() {
             assert!(!head.contains("set-cookie"), "{path}");
         }
     }
-    // With a token, so that nothing but what is wrong with them refuses them.
+    // With a token, so that only the malformed part causes the refusal.
     let known = bearer(&guarded.viewer);
     let host = format!("Connection: close\r\nHost: localhost:{}\r\n", guarded.port);
-    // Too many fields, and yet no large head.
+    // Too many fields, though the head is not large.
     let flood: String = (0..500).map(|n| format!("X-{n}: {n}\r\n")).collect();
     let large = format!("X-Large: {}\r\n", "x".repeat(1_000_000));
     let spoilt: [Vec<u8>; 7] = [

@@ -1,4 +1,4 @@
-//! What lasts beyond a service, and what is long: a verdict has its time, lists come by pages.
+//! Persistent and long data: a verdict has its time, and lists are paged.
 
 use std::path::Path;
 use std::time::Duration;
@@ -16,7 +16,7 @@ fn shown(port: u16, path: &str) -> String {
     text
 }
 
-/// What was measured before a restart is known after it, with its time; and is not believed for ever.
+/// A result from before a restart is shown after it, with its time; it becomes outdated.
 pub fn a_verdict() {
     let shop = MachineShop::with_serve(HTTP);
     let daemon = shop.serve("fast");
@@ -40,13 +40,13 @@ pub fn a_verdict() {
     for words in ["class=\"glance true\"", "Result of run 1", "measured 20", ", run 1; as of 20"] {
         assert!(page.contains(words), "{words}: {page}");
     }
-    // Nobody need sign in where nobody is asked.
+    // Without tokens there is no sign-in.
     assert!(!page.contains("sign in"), "{page}");
 
     let long_ago =
         "UPDATE runs SET ended = '2026-01-10T05:30:00Z', started = '2026-01-10T05:00:00Z'";
     journal_rows::change(Path::new(&shop.file("state")), long_ago);
-    // Looked for again without being told.
+    // The page is updated without a request.
     let standing = http.wait_until(|standing| standing["result"]["outdated"] == true);
     assert_eq!(standing["result"]["run"], 1);
     let page = shown(at, PAGE);
@@ -59,7 +59,7 @@ pub fn a_verdict() {
     assert!(!refused.status.success() && told.contains("verdict_h is 0.05"), "{told}");
 }
 
-/// Runs and readings come by pages, and a page leads to the next one.
+/// Runs and readings are paged, and a page links to the next one.
 pub fn pages() {
     let shop = MachineShop::with_serve(HTTP);
     let daemon = shop.serve("fast");
@@ -98,7 +98,7 @@ pub fn pages() {
     assert_eq!(walk("/runs?after=50", "newer"), (200, to("/runs?after=250")));
     assert_eq!(walk("/runs?after=250", "newer"), (200, None));
     assert_eq!(walk("/runs?after=250", "older").1, to("/runs?before=251"));
-    // The newest that has told something is the first of all of these.
+    // The newest run with a result is the first of all of these.
     assert_eq!(http.get(MACHINE)["result"]["run"], 1);
 
     let readings = |query: &str| http.get(&format!("/api/v1/runs/1/readings{query}"));
@@ -112,7 +112,8 @@ pub fn pages() {
     assert_eq!(http.request("GET", "/api/v1/runs/451/readings", "", "").0, 404);
 }
 
-/// A slip in a form is told in words, a program is told in JSON; of a machine that nobody knows nothing is told.
+/// Input errors in a form are explained on a page, those of a program as JSON; a request for an unknown machine is
+/// answered with 404.
 pub fn slips() {
     let shop = MachineShop::with_serve(HTTP);
     let daemon = shop.serve("fast");
@@ -139,8 +140,7 @@ pub fn slips() {
     assert_eq!(http.get(&format!("{MACHINE}/trends")), json!([]));
 }
 
-/// While nothing changes, a listener hears all the same that the service lives; what lies between does not
-/// keep it back.
+/// While nothing changes, a listener still receives signs of life; proxies in between do not delay them.
 pub fn signs_of_life() {
     use std::io::{BufRead, BufReader, Write};
     let shop = MachineShop::with_serve(HTTP);

@@ -62,7 +62,7 @@ pub fn trials() -> Trials {
         audited::gone,
         refused_config::bad_sections,
     ])
-    // A thousand connections: the load and the daemon's memory are their own.
+    // A thousand connections: other trials would disturb the load and the daemon's memory.
     .and(trials![Pool::Alone, 10;
         crowd::beside_a_run,
         crowd::and_a_hold,

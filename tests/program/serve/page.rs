@@ -1,10 +1,10 @@
-//! The page and its interface, asked over plain sockets: words that a browser or a program would send.
+//! The page and its interface over plain sockets, with requests as a browser or a program sends them.
 
 use crate::support::http::{HTTP, JSON, MACHINE, error_code, start_request};
 use crate::support::machine_shop::MachineShop;
 use serde_json::json;
 
-/// Started, measured to its verdict; the same figures as the command tells.
+/// Started, measured up to its verdict; the results equal those of the command.
 pub fn a_cycle() {
     let shop = MachineShop::with_serve(HTTP);
     let daemon = shop.serve("fast");
@@ -59,7 +59,7 @@ pub fn a_cycle() {
     assert_eq!(http.request("GET", "/runs/7", "", "").0, 404);
 }
 
-/// Held from the page: a name is not asked for; then it waits for somebody who has one.
+/// A hold from the page needs no name; the run then waits for an acknowledgement, which needs one.
 pub fn a_hold() {
     let shop = MachineShop::with_serve(HTTP);
     let daemon = shop.serve("real");
@@ -92,7 +92,7 @@ pub fn a_hold() {
     assert_eq!(audits, wanted);
 }
 
-/// What another site's page, another name, a large, a slow or a broken request get.
+/// Responses to another site's page, another host name, and a large, a slow or a malformed request.
 pub fn strangers() {
     let shop = MachineShop::with_serve(HTTP);
     let daemon = shop.serve("fast");

@@ -1,4 +1,4 @@
-//! Somebody at a browser whose request is refused at the door: told in words, on a page. A program gets JSON.
+//! A browser whose request is refused gets a page with an explanation. A program gets JSON.
 
 use super::hostile::Guarded;
 use crate::support::http::{FORM, JSON, MACHINE};
@@ -18,7 +18,7 @@ fn send(guarded: &Guarded, request: &str, headers: &str, body: &str) -> Answer {
     (head.to_lowercase(), body.to_owned())
 }
 
-/// A page with these words.
+/// Asserts that the answer is a page with these words.
 fn assert_page((head, body): &Answer, status: &str, words: &[&str]) {
     assert!(head.starts_with(&format!("http/1.1 {status}")), "{head}");
     assert!(head.contains("content-type: text/html"), "{head}");
@@ -52,7 +52,7 @@ pub fn refused() {
     assert_page(&form("start", &viewer), "403", &["role operator", "sign in with such a token"]);
     let acknowledge = format!("POST {MACHINE}/acknowledge");
     assert_json(&program(&acknowledge, &format!("{JSON}{viewer}")), "403", "wrong-role");
-    // A hold above all: who believes that it holds must read that it does not.
+    // Most important for a hold: the operator must read that the machine was not held.
     let signed_out = ["nothing was done", "sign in, then", "href=\"/login\""];
     assert_page(&form("hold", "Cookie: trued=0123\r\n"), "401", &signed_out);
     assert_page(&form("hold", ""), "401", &signed_out);

@@ -1,4 +1,4 @@
-//! A person's word at the page, against what the machine says itself, and beside what others do with it.
+//! Confirmations of an operator at the page, in conflict with the machine's own reports and with other users.
 
 use std::io::{BufRead, BufReader, Write};
 use std::net::TcpListener;
@@ -10,14 +10,14 @@ use crate::support::http::{HTTP, error_code, start_request};
 use crate::support::machine_shop::{MachineShop, stderr};
 use serde_json::{Value, json};
 
-/// As few touches as the method takes.
+/// The minimum number of touches of the method.
 fn short(trigger: &str) -> MachineShop {
     let shop = MachineShop::with_serve(trigger);
     shop.change("monte_carlo_trials = 1000", "monte_carlo_trials = 1000\npositions = 5");
     shop
 }
 
-/// Whoever vouches for a closed guard at the page does not close it.
+/// A confirmation of a closed guard at the page does not override the machine's report.
 pub fn against_the_machine() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let at = listener.local_addr().unwrap();
@@ -46,8 +46,8 @@ pub fn against_the_machine() {
     http.wait_until(|standing| standing["state"] == "waiting");
 }
 
-/// The control restarts before the references: the run cannot go on, and its axes must be homed by somebody who
-/// says so. Why it stopped stands on the board until then.
+/// The control restarts before the references: the run cannot be resumed, and the operator must home the axes and
+/// confirm it. The reason of the stop is shown until then.
 pub fn leaves_a_lost_position() {
     let shop = short(HTTP);
     shop.change("[serve]", "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 3\n[serve]");
@@ -79,11 +79,10 @@ pub fn leaves_a_lost_position() {
     assert_eq!(http.get("/api/v1/audit")[0]["outcome"], "accepted");
 }
 
-/// The command goes on with a run that the daemon held: the board says so, no hold is promised, and what became
-/// of it is seen.
+/// The command resumes a run that the daemon held: the page shows it, offers no hold, and later shows its result.
 pub fn resumes_elsewhere() {
     let shop = short(HTTP);
-    // Farther on than what is left after it.
+    // Later than the steps that remain after it.
     shop.change("[serve]", "[[simulated.fault]]\nkind = \"reset\"\nafter_touch = 30\n[serve]");
     let daemon = shop.serve("fast");
     let http = daemon.http();
@@ -108,8 +107,8 @@ pub fn resumes_elsewhere() {
     assert_eq!(shop.states(), ["finished"]);
 }
 
-/// The daemon's probe of the lock of a killed process refuses others for an instant (`MachineLock::holder`): then
-/// once more.
+/// The daemon's test of the lock of a killed process blocks others for an instant (`MachineLock::holder`): the
+/// command is then repeated.
 fn resumed_to_its_end(resume: &mut Command) -> Output {
     for _ in 0..100 {
         let output = resume.output().unwrap();

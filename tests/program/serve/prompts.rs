@@ -1,4 +1,4 @@
-//! A run that asks a person: who may answer, what, and once; and what waits meanwhile.
+//! A run with prompts: who may answer, with what, and only once; and what waits meanwhile.
 
 use std::io::{Read, Write};
 use std::process::{Child, Command, Stdio};
@@ -21,7 +21,7 @@ fn done(step: u32) -> Value {
     json!({"step": step, "who": "Ada"})
 }
 
-/// Answered step by step, by whoever may; a stale or a second answer is none.
+/// Answered step by step by an authorised client; an outdated or repeated answer is refused.
 pub fn answered() {
     let guarded = Guarded::with("fast", |shop| shop.change("[serve]", TWO));
     let Guarded { viewer, operator, shop, port, .. } = &guarded;
@@ -31,7 +31,7 @@ pub fn answered() {
     let standing = guarded.until(asks("the part is clean"));
     assert_eq!((&standing["state"], &standing["measured"]), (&json!("running"), &json!(0)));
     assert_eq!(standing["asked"]["step"], 0);
-    // As the daemon has said when it began.
+    // The duration in the daemon's log at its start.
     let left = standing["remaining_s"].as_f64().unwrap();
     let takes = format!("cycle 1 takes the machine about {:.0} min;", left / 60.0);
     assert!(left > 60.0 && guarded.daemon.log().contains(&takes), "{takes}");
@@ -60,7 +60,7 @@ pub fn answered() {
     assert_eq!(outcomes.len(), 4, "{outcomes:?}");
 }
 
-/// While it waits: held, and killed. Whoever answers afterwards is told that nothing is asked.
+/// Held and killed while a prompt is open. A later answer is refused, because there is no prompt.
 pub fn stopped() {
     let shop = MachineShop::with_serve(HTTP);
     shop.change("[serve]", TWO);
@@ -86,7 +86,8 @@ pub fn stopped() {
     assert_eq!(http.get("/api/v1/runs/2")["readings"], 0);
 }
 
-/// By Enter: alone, and where a daemon has the machine. Without a terminal a run that asks does not begin.
+/// Answered by Enter: alone, and while a daemon has the machine. Without a terminal a run with prompts does not
+/// begin.
 pub fn at_a_terminal() {
     let shop = MachineShop::with_serve(HTTP);
     shop.change("[serve]", TWO);
@@ -107,7 +108,7 @@ pub fn at_a_terminal() {
     assert!(told.contains("done, said Ada"), "{told}");
 }
 
-/// Both questions are answered by Enter at a terminal (that of `script`), and it ends well.
+/// Both prompts are answered by Enter at a terminal (that of `script`), and the run succeeds.
 fn entered(shop: &MachineShop, arguments: &[&str]) {
     let command = shop.command(arguments);
     let words = [command.get_program()].into_iter().chain(command.get_args());

@@ -2,7 +2,7 @@
 
 use crate::support::machine_shop::{MODBUS, MachineShop};
 
-/// Nothing serves that everybody could start, or that nobody enables.
+/// The daemon refuses to serve a cycle that everybody could start, or that no enabling signal protects.
 pub fn bad_sections() {
     let cases = [
         ("127.0.0.1:0", "0.0.0.0:1502", "any_interface"),
@@ -18,7 +18,8 @@ pub fn bad_sections() {
             "[serve.http]\nlisten = \"127.0.0.1:0\"\nnames = [\"a.example\"]\n",
             "tokens = true",
         ),
-        // What the cycle itself is refused for is told now, not at the first start.
+        // A refusal of the cycle itself is reported at the start of the daemon, not at the first start of the
+        // cycle.
         ("trials = 1000", "trials = 1000\npositions = 2", "cycle 1 cannot be measured"),
         ("centre_mm = [0.0, 0.0, 0.0]", "centre_mm = [0.0, 0.0, 900.0]", "cycle 1 cannot be"),
     ];

@@ -31,7 +31,7 @@ fn post(port: u16, machine: &str, what: &str, body: &Value) -> u16 {
     HttpClient::at(port).request("POST", &path, JSON, &body.to_string()).0
 }
 
-/// A shop with two machine files and the daemon's own beside them.
+/// A shop with two machine files and the daemon's own file.
 fn two(names: [&str; 2], more: &str) -> MachineShop {
     let shop = MachineShop::with_serve("");
     let text = std::fs::read_to_string(shop.machine()).unwrap();
@@ -44,7 +44,7 @@ fn two(names: [&str; 2], more: &str) -> MachineShop {
     shop
 }
 
-/// Both measure at the same time; what is held here goes on there.
+/// Both machines measure at the same time; a hold of one does not affect the other.
 pub fn machines() {
     let shop = two(["one", "two"], "");
     let config = shop.file("trued.toml");
@@ -82,7 +82,7 @@ pub fn machines() {
     assert!(log.contains("one: run ") && log.contains("two: run "), "{log}");
 }
 
-/// What the daemon's own file cannot mean.
+/// Errors in the daemon's own file.
 pub fn bad_files() {
     let page = "[serve.http]\nlisten = \"127.0.0.1:0\"\n";
     let cases = [

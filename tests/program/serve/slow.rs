@@ -1,4 +1,4 @@
-//! Whoever comes and does not get on: he is shown out in the end, and nobody who gets on is.
+//! Clients that make no progress are disconnected in the end; clients that make progress are not.
 
 use crate::support::http::{HTTP, HttpClient, JSON, MACHINE};
 use crate::support::machine_shop::MachineShop;
@@ -7,9 +7,9 @@ use std::net::TcpStream;
 use std::thread::{scope, sleep};
 use std::time::{Duration, Instant};
 
-/// Twice what docs/page.md grants, and more: this computer may be busy.
+/// More than twice the limit of docs/page.md, because this computer may be busy.
 const IN_THE_END: Duration = Duration::from_secs(60);
-/// More than the sockets of both sides keep.
+/// More requests than the socket buffers of both sides hold.
 const MANY: usize = 1000;
 
 struct Caller {
@@ -25,14 +25,14 @@ impl Caller {
         Self { stream, port }
     }
 
-    /// The beginning of a request.
+    /// Sends the beginning of a request.
     fn begins(mut self, line: &str, headers: &str) -> Self {
         let host = format!("Host: localhost:{}\r\n", self.port);
         self.stream.write_all(format!("{line} HTTP/1.1\r\n{host}{headers}").as_bytes()).unwrap();
         self
     }
 
-    /// Says a little and again a little, until nobody listens any more.
+    /// Sends single bytes until the server has closed.
     fn goes_on_and_on(&self) {
         let (mut stream, started) = (&self.stream, Instant::now());
         while stream.write_all(b"a").is_ok() {
@@ -41,14 +41,14 @@ impl Caller {
         }
     }
 
-    /// What is said until the end.
+    /// All bytes received until the end.
     fn told(mut self) -> Vec<u8> {
         let (mut told, mut some) = (Vec::new(), [0; 65536]);
         loop {
             match self.stream.read(&mut some) {
                 Ok(0) => return told,
                 Ok(count) => told.extend(&some[..count]),
-                // Closed while something that he has said was not read.
+                // The server closed with unread bytes from the client.
                 Err(error) if error.kind() == std::io::ErrorKind::ConnectionReset => return told,
                 Err(error) => panic!("not shown out: {error}"),
             }
@@ -91,12 +91,12 @@ pub fn shown_out() {
     assert!(!daemon.log().contains("panicked"));
 }
 
-/// Asks and asks, and reads nothing for so long that what is left to say is not said any more.
+/// Sends requests and reads nothing until the server gives up the remaining responses.
 fn takes_no_answer(mut caller: Caller) {
     let host = format!("Host: localhost:{}\r\n\r\n", caller.port);
     let request = format!("GET /api/v1/openapi.json HTTP/1.1\r\n{host}");
     let (_, whole) = HttpClient::at(caller.port).request("GET", "/api/v1/openapi.json", "", "");
-    // The rest finds no room: nobody reads it.
+    // The buffers are full, because nothing is read.
     let asked =
         (0..MANY).take_while(|_| caller.stream.write_all(request.as_bytes()).is_ok()).count();
     sleep(Duration::from_secs(25));

@@ -1,4 +1,4 @@
-//! Tokens that somebody else than the daemon's user makes and revokes, and a list that cannot be read.
+//! Tokens that are created and revoked by another user than the daemon's, and a token list that cannot be read.
 
 use std::os::unix::fs::{MetadataExt, chown};
 use std::os::unix::process::CommandExt;
@@ -14,11 +14,11 @@ use crate::support::daemon_process::DaemonProcess;
 use crate::support::http::{HTTP, start_request};
 use crate::support::machine_shop::MachineShop;
 
-/// `nobody`, as a daemon's own user.
+/// Id of `nobody`, the daemon's own user.
 const DAEMON: u32 = 65_534;
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Root makes the tokens and revokes one; the daemon is another user, as under systemd.
+/// Root creates the tokens and revokes one; the daemon runs as another user, as under systemd.
 pub fn by_root() {
     let shop = MachineShop::with_serve(&format!("{HTTP}tokens = true\n"));
     let state = shop.file("state");
@@ -29,7 +29,7 @@ pub fn by_root() {
     }
     chown(Path::new(&state).parent().unwrap(), Some(DAEMON), Some(DAEMON)).unwrap();
     let [gone, stays] = ["gone", "stays"].map(|name| token(&shop, name, "operator"));
-    // Where that user finds it.
+    // A copy of the program that this user can execute.
     let program = shop.file("trued");
     std::fs::copy(env!("CARGO_BIN_EXE_trued"), &program).unwrap();
     let mut command = Command::new(program);
@@ -46,7 +46,7 @@ pub fn by_root() {
     assert_eq!((file.uid(), file.mode() & 0o777), (DAEMON, 0o600));
 }
 
-/// Nobody is let in, the log says why, and a hold goes all the same.
+/// All requests are refused, the log gives the reason, and a hold still works.
 pub fn unreadable() {
     let guarded = Guarded::new("fast");
     let list = Path::new(&guarded.shop.file("state")).join("tokens.json");

@@ -1,4 +1,4 @@
-//! A run that waits for a person shows what its sensors read: to programs, on the page and at a terminal.
+//! A run that waits for the operator shows the values of its sensors: to programs, on the page and at a terminal.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::path::Path;
@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 use crate::support::http::{HTTP, MACHINE, start_request};
 use crate::support::machine_shop::MachineShop;
 
-/// Enough to see that nothing grows.
+/// Number of values that is enough to show that nothing grows.
 const VALUES: usize = 6;
 
-/// The built-in machine with sensors, under the name that the client knows.
+/// The built-in machine with sensors, under the name that the client uses.
 fn shop() -> MachineShop {
     let file = include_str!("../../../config/multiprobe.toml");
     let cycle =
@@ -23,13 +23,13 @@ fn shop() -> MachineShop {
     shop
 }
 
-/// Bytes of all files of the state folder.
+/// Total size of the files in the state folder, bytes.
 fn stored(folder: &Path) -> u64 {
     let files = std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().metadata().unwrap());
     files.filter(|about| about.is_file()).map(|about| about.len()).sum()
 }
 
-/// Programs and the page get new values all the time; journal and log do not.
+/// Programs and the page get new values continuously; journal and log do not.
 pub fn by_programs() {
     let shop = shop();
     let daemon = shop.serve("fast");
@@ -71,7 +71,7 @@ pub fn by_programs() {
     assert_eq!(held["asked"], Value::Null);
 }
 
-/// Alone, and where a daemon has the machine.
+/// Alone, and while a daemon has the machine.
 pub fn at_a_terminal() {
     let shop = shop();
     interrupted(&shop);
@@ -82,7 +82,7 @@ pub fn at_a_terminal() {
     daemon.http().wait_for_state("held");
 }
 
-/// Ctrl-C holds the run once values have been shown several times.
+/// Ctrl-C holds the run after values have been shown several times.
 fn interrupted(shop: &MachineShop) {
     let machine = shop.machine();
     let command =
@@ -90,7 +90,7 @@ fn interrupted(shop: &MachineShop) {
     let words = [command.get_program()].into_iter().chain(command.get_args());
     let words: Vec<String> = words.map(|word| format!("'{}'", word.to_string_lossy())).collect();
     let mut script = Command::new("script");
-    // Without `exec` dash, which Ctrl-C interrupts too, returns 130.
+    // Without `exec`, dash, which Ctrl-C interrupts too, returns 130.
     let words = format!("exec {}", words.join(" "));
     script.args(["--quiet", "--return", "--command", &words, "/dev/null"]);
     script.env("SHELL", "/bin/sh").env("TERM", "xterm");

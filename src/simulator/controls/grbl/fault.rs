@@ -1,4 +1,4 @@
-//! What the simulated control can do wrong, to rehearse it: `[[simulated.fault]]`.
+//! Faults of the simulated control, `[[simulated.fault]]`, for rehearsals.
 
 use std::sync::PoisonError;
 
@@ -9,22 +9,21 @@ use crate::interpreter::Sham;
 
 const E_STOP: u8 = 10;
 const UNKNOWN_ALARM: u8 = 3;
-/// Grbl's word for settings that were lost and replaced by defaults.
+/// Grbl's error code for settings that were lost and replaced by defaults.
 const SETTINGS_LOST: u8 = 7;
 
-/// One thing that goes wrong, once: with the first line that it can happen to after both
-/// conditions hold.
+/// One fault. It occurs once, at the first suitable line after both conditions hold.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
     pub kind: FaultKind,
-    /// Not before this line, counted as they are received.
+    /// Earliest line, counted from 1 in the order of reception.
     #[serde(default)]
     pub at_line: u64,
-    /// Not before so many contacts.
+    /// Number of contacts before which the fault does not occur.
     #[serde(default)]
     pub after_touch: u64,
-    /// Of an alarm or an error.
+    /// Code of an alarm or an error.
     #[serde(default)]
     pub code: Option<u8>,
 }
@@ -32,32 +31,32 @@ pub struct Fault {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultKind {
-    /// It hangs: nothing is read, done or said any more.
+    /// The control hangs: it neither reads, moves nor answers any more.
     Silence,
-    /// It restarts: everything is forgotten, the banner is said.
+    /// The control restarts: it loses its state and sends the banner.
     Reset,
-    /// The banner and nothing else.
+    /// The control sends the banner and does not restart.
     Banner,
     /// A line is lost.
     Unanswered,
-    /// A line is obeyed, its answer lost.
+    /// A line is executed, but its answer is lost.
     LostOk,
     DoubleOk,
-    /// Bytes that are no text, before the answer.
+    /// Bytes that are not text precede the answer.
     Garbage,
-    /// Instead of obeying the line.
+    /// An alarm instead of the execution of the line.
     Alarm,
     Error,
     /// The probe reads closed from now on.
     ProbeStuck,
     /// The probe reads open from now on.
     ProbeDead,
-    /// The next probing move meets something after two fifths of its way.
+    /// The next probing move meets an obstacle after two fifths of its path.
     ForeignBody,
-    /// Something brushes the stylus during the next rapid or turn: the probe reads closed for a while.
+    /// The stylus is brushed during the next rapid or turn: the probe reads closed for a while.
     RapidContact,
     SoftLimit,
-    /// Somebody presses feed hold at the machine, or opens the door.
+    /// A person presses feed hold at the machine, or opens the door.
     Hold,
     Door,
     EStop,
@@ -85,7 +84,7 @@ impl FaultKind {
     ];
 }
 
-/// How the next answer is said.
+/// How often the next answer is sent.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Answer {
     #[default]
@@ -95,7 +94,7 @@ pub(super) enum Answer {
 }
 
 impl Firmware {
-    /// Obey `line`, unless it is its turn to go wrong.
+    /// Executes `line`, unless a fault is due.
     pub(super) fn line(&mut self, line: &str) {
         self.lines += 1;
         let (lines, touches) = (self.lines, self.touches);
@@ -111,7 +110,7 @@ impl Firmware {
 
     fn go_wrong(&mut self, fault: &Fault, line: &str) {
         use FaultKind as K;
-        // These wait for their move, their answer, or a machine that can be held.
+        // These faults wait for their move, their answer, or a machine that can be held.
         let later = matches!(
             fault.kind,
             K::LostOk | K::DoubleOk | K::ForeignBody | K::RapidContact | K::Hold | K::Door
@@ -149,7 +148,7 @@ impl Firmware {
         }
     }
 
-    /// What the line does not notice itself.
+    /// Applies a fault that does not depend on the content of the line.
     fn spoil(&mut self, kind: FaultKind) {
         match kind {
             FaultKind::Banner => self.say_banner(),
@@ -165,11 +164,11 @@ impl Firmware {
     }
 
     pub(super) fn happens(&mut self, kind: FaultKind) {
-        // A list is whole whatever panicked beside it.
+        // A list stays consistent if another thread panics.
         self.happened.lock().unwrap_or_else(PoisonError::into_inner).push(kind);
     }
 
-    /// An alarm out of nothing; the line is not obeyed.
+    /// Raises a spontaneous alarm; the line is not executed.
     fn raise(&mut self, code: u8) {
         self.say(&format!("ALARM:{code}"));
         self.stop_here();

@@ -1,12 +1,11 @@
-//! What the simulated control does with the machine: one job after the other, at once or in the
-//! time it takes.
+//! Jobs of the simulated control: executed one after the other, at once or in real time.
 
 use super::{FaultKind, Firmware, HARD_LIMIT, Lock, NO_CONTACT, PROBE_CLOSED};
 use crate::Contact;
 use crate::interpreter::{Active, Done, Job, Sham};
 use machine::Position;
 
-/// One report may get lost on a bad wire.
+/// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
 const BRUSHED_REPORTS: u8 = 2;
 
 /// The result of a probing move.
@@ -73,7 +72,7 @@ impl Firmware {
         self.say_last();
     }
 
-    /// The last probing move; a control that has not probed yet says zeros.
+    /// Reports the last probing move; zeros before the first one.
     pub(super) fn say_last(&mut self) {
         let last = self.last.clone().unwrap_or_default();
         self.say(&format!("[PRB:{}:{}]", self.list(&last.position), u8::from(last.hit)));
@@ -82,17 +81,17 @@ impl Firmware {
         }
     }
 
-    /// What the probe's input reads.
+    /// Whether the probe input reads closed.
     pub(super) fn tripped(&self) -> bool {
         self.with_world(|world| self.sham.tripped(world))
     }
 
-    /// A report has told how the probe reads.
+    /// Registers that a report has shown the probe state.
     pub(super) fn probe_was_told(&mut self) {
         self.sham = self.sham.told();
     }
 
-    /// A drive that is pressed against something stalls; the control sees a hard limit.
+    /// A drive that is pressed against an obstacle stalls; the control reports a hard limit.
     fn crash_if(&mut self, crashed: bool) {
         if crashed {
             self.say(&format!("ALARM:{HARD_LIMIT}"));
@@ -101,7 +100,7 @@ impl Firmware {
         }
     }
 
-    /// `!`: stop where the machine is, keep what is left for `~`.
+    /// `!`: stops the machine where it is and keeps the remaining motion for `~`.
     pub(super) fn hold(&mut self) {
         if self.alarm.is_some() {
             return;

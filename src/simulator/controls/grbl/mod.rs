@@ -1,5 +1,5 @@
-//! The simulated control: speaks as grblHAL does and executes the text it is sent against a
-//! [`World`]. It is the driver's peer and shares none of its code.
+//! The simulated control: implements grblHAL's protocol and executes the received text against a [`World`]. It
+//! is the peer of the driver and shares no code with it.
 //!
 //! One extension, switched by [`Options::stamps`]: the status report carries `|Time:<seconds>`, the
 //! simulated time, and a contact is followed by `[TIME:<seconds>]`, the time of its trigger.
@@ -28,9 +28,9 @@ use crate::interpreter::{Act, Active, Code, Interpreter, Job, Pace, Sham, is_bla
 use machine::Position;
 use machine::record::machine::Machine;
 
-/// Blocks that the planner holds.
+/// Capacity of the planner, blocks.
 const PLANNER: usize = 100;
-/// Bytes that wait to be read; more are lost without a word.
+/// Size of the receive buffer, bytes; further bytes are dropped without a message.
 const RX_BUFFER: usize = 1024;
 const LONGEST_LINE: usize = 256;
 
@@ -41,31 +41,31 @@ const NO_CONTACT: u8 = 5;
 const HARD_LIMIT: u8 = 1;
 const LOCKED: Code = 9;
 
-/// How this control is built.
+/// Configuration of the simulated control.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Its axes and their travel.
+    /// Interpreter with the axes and their travel.
     pub reader: Interpreter,
     pub pace: Pace,
-    /// Level 0 (latches errors) if true, level 10 (as Grbl 1.1) if not.
+    /// Compatibility level: 0 (latches errors) if true, 10 (as Grbl 1.1) if false.
     pub native: bool,
     pub stamps: bool,
-    /// What is stored there, by number.
+    /// Stored settings, by number.
     pub settings: BTreeMap<u16, f64>,
-    /// Percent of the programmed feed and of the rapid speed, as reported: motions keep their speed.
+    /// Overrides of feed and rapid speed, percent, as reported; they do not change the speed of motions.
     pub overrides: [u32; 2],
-    /// Whether it was homed before it is first spoken to.
+    /// Whether the machine is homed before the first connection.
     pub homed: bool,
-    /// A pendant has the control, as reported.
+    /// Whether a pendant has control, as reported.
     pub has_pendant: bool,
-    /// Length of the tool, mm, as reported: motions do not take it in.
+    /// Tool length, mm, as reported; motions do not apply it.
     pub tool_length_mm: f64,
-    /// What goes wrong.
+    /// Faults to simulate.
     pub faults: Vec<Fault>,
 }
 
 impl Options {
-    /// The control of `machine`: native level, stamps on.
+    /// Options for the control of `machine`: native level, time stamps enabled.
     pub fn of(machine: &Machine, pace: Pace) -> Self {
         let (reader, settings) = (Interpreter::of(machine), settings::of(machine));
         Self {
@@ -87,23 +87,23 @@ impl Options {
 enum Lock {
     /// `$X` unlocks.
     Light,
-    /// Only a reset helps.
+    /// Only a soft reset unlocks.
     Reset,
-    /// Only a reset helps, and until then no line is answered.
+    /// Only a soft reset unlocks, and until then no line is answered.
     Mute,
 }
 
-/// The control: bytes in ([`Firmware::serve`]), bytes out.
+/// The simulated control: bytes in ([`Firmware::serve`]), bytes out.
 pub struct Firmware {
     options: Options,
     world: Arc<Mutex<World>>,
-    /// Where the machine will stand when all that is queued is done.
+    /// Position of the machine after all queued motion.
     planned: Position,
     rx: VecDeque<u8>,
     out: Vec<u8>,
     queue: VecDeque<Job>,
     active: Option<Active>,
-    /// A line whose answer comes when its job is done.
+    /// Whether the answer to a line waits for the end of its job.
     waiting: bool,
     held: bool,
     alarm: Option<Lock>,
@@ -111,9 +111,9 @@ pub struct Firmware {
     booted: bool,
     homed: bool,
     reported: bool,
-    /// The last probing move, for `$#`.
+    /// Result of the last probing move, for `$#`.
     last: Option<Last>,
-    /// Lines received and contacts made so far.
+    /// Number of lines received so far.
     lines: u64,
     touches: u64,
     sham: Sham,
@@ -121,7 +121,7 @@ pub struct Firmware {
     answer: Answer,
     hung: bool,
     door: bool,
-    /// Host time zero, and the time since then at the last event.
+    /// Host time at which the control started, and the time since then at the last event.
     since: Instant,
     now: Duration,
 }
@@ -158,22 +158,22 @@ impl Firmware {
         firmware
     }
 
-    /// The faults that came about, in their order; a fault that was only ordered is not among them.
+    /// Faults that have occurred, in their order; a fault that is only configured is not included.
     pub fn happened(&self) -> Arc<Mutex<Vec<FaultKind>>> {
         self.happened.clone()
     }
 
     fn with_world<T>(&self, act: impl FnOnce(&mut World) -> T) -> T {
-        // The world is plain data: a panic elsewhere leaves it whole.
+        // The world is plain data: a panic elsewhere leaves it consistent.
         act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Where the machine stands.
+    /// Displayed position of the machine.
     fn stand(&self) -> Position {
         self.with_world(|world| world.position())
     }
 
-    /// Bytes as they come: realtime bytes act at once, wherever they stand.
+    /// Processes received bytes: realtime bytes act at once, at any place in the stream.
     fn ingest(&mut self, bytes: &[u8], now: Duration) {
         self.now = now;
         for byte in bytes {
@@ -190,7 +190,7 @@ impl Firmware {
         }
     }
 
-    /// Do all that can be done now; the answer is when to come again.
+    /// Does all work that is due at `now`; returns the delay until the next call.
     fn step(&mut self, now: Duration) -> Option<Duration> {
         self.now = now;
         loop {
@@ -245,7 +245,7 @@ impl Firmware {
         }
     }
 
-    /// Whether the answer must wait for a job.
+    /// Executes a line of G-code; returns whether the answer must wait for a job.
     fn gcode(&mut self, line: &str) -> Result<bool, Code> {
         if let Some(code) = self.latched {
             return Err(code);
@@ -266,7 +266,7 @@ impl Firmware {
         Ok(waits)
     }
 
-    /// Idle: an alarm, and the line is answered. Moving: silence until a reset.
+    /// Soft limit. While idle: an alarm, and the line is answered. While moving: no answer until a reset.
     fn soft_limit(&mut self) -> bool {
         let moving = self.is_moving();
         self.hold();
@@ -286,7 +286,7 @@ impl Firmware {
         !self.held && (self.active.is_some() || !self.queue.is_empty())
     }
 
-    /// Forget all motion; the machine stands where it is.
+    /// Discards all motion; the machine stays at its position.
     fn stop_here(&mut self) {
         self.active = None;
         self.queue.clear();
@@ -294,7 +294,7 @@ impl Firmware {
         self.planned = self.stand();
     }
 
-    /// 0x18. In motion the position is doubtful afterwards: alarm.
+    /// Soft reset (0x18). A reset during motion makes the position uncertain and raises an alarm.
     fn reset(&mut self) {
         let moving = self.is_moving();
         self.hold();

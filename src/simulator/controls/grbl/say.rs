@@ -1,4 +1,4 @@
-//! What the simulated control says: its reports, answers and `$` commands.
+//! Output of the simulated control: reports, answers and `$` commands.
 
 use super::fault::Answer;
 use super::{FaultKind, Firmware, Lock, PLANNER, RX_BUFFER, settings};
@@ -44,12 +44,12 @@ impl Firmware {
         self.options.settings.get(&number).copied().unwrap_or_default()
     }
 
-    /// Of lengths in reports, mm.
+    /// Unit of lengths in reports, mm.
     fn unit(&self) -> f64 {
         if self.setting(settings::INCHES) == 0.0 { 1.0 } else { 25.4 }
     }
 
-    /// Axis values as reports print them: lengths in its unit, degrees, three decimals.
+    /// Axis values as reports print them: lengths in the report's unit, angles in degrees, three decimals.
     pub(super) fn list(&self, position: &Position) -> String {
         let values = self.options.reader.axes().iter().map(|axis| {
             let scale = if axis.is_linear() { self.unit() } else { 1.0 };
@@ -69,7 +69,7 @@ impl Firmware {
         }
     }
 
-    /// `full`: with all fields, as 0x87 asks for.
+    /// Sends a status report. `full`: with all fields, as in the answer to 0x87.
     pub(super) fn say_status(&mut self, full: bool) {
         let position = match &self.active {
             Some(active) => active.position(self.now),
@@ -109,7 +109,7 @@ impl Firmware {
         self.say(&(report + ">"));
     }
 
-    /// `$..` commands. One that succeeds ends the latched error.
+    /// Executes a `$..` command. A successful command clears the latched error.
     pub(super) fn dollar(&mut self, command: &str) {
         match command.to_ascii_uppercase().as_str() {
             "I" => self.say_build(),
@@ -142,7 +142,7 @@ impl Firmware {
         }
     }
 
-    /// One bit an axis.
+    /// Bit mask of the homed axes.
     fn homed_axes(&self) -> u32 {
         if self.homed { (1 << self.options.reader.axes().len()) - 1 } else { 0 }
     }

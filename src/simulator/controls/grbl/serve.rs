@@ -1,4 +1,4 @@
-//! The simulated control at the end of a byte stream.
+//! Serves the simulated control on a byte stream.
 
 use std::io;
 use std::time::Duration;
@@ -9,11 +9,11 @@ use tokio::time::sleep_until;
 use super::Firmware;
 
 impl Firmware {
-    /// Serve one client until it closes the stream. The control keeps its state for the next one,
-    /// and motion under way goes on meanwhile.
+    /// Serves one client until it closes the stream. The control keeps its state for the next client, and
+    /// motion continues meanwhile.
     ///
     /// # Errors
-    /// What the stream reports; the control is whole afterwards.
+    /// The stream fails; the control remains usable.
     pub async fn serve(&mut self, stream: impl AsyncRead + AsyncWrite) -> io::Result<()> {
         let (mut reader, mut writer) = tokio::io::split(stream);
         let mut buffer = [0; 1024];
@@ -24,7 +24,7 @@ impl Firmware {
         loop {
             let next = self.step(self.since.elapsed());
             let wake = self.since + next.unwrap_or(Duration::ZERO);
-            // `read` and `write` are cancel safe: a branch not taken has moved no byte.
+            // `read` and `write` are cancel safe: a branch that is not taken has transferred no byte.
             tokio::select! {
                 read = reader.read(&mut buffer) => match read? {
                     0 => return Ok(()),

@@ -1,5 +1,5 @@
-//! What the simulated control has stored: its `$` settings, from the machine that it drives. Numbers and
-//! meanings are grblHAL's (`settings.h`), the sense of homing its `machine_limits.c`.
+//! Stored `$` settings of the simulated control, derived from its machine. Numbers and meanings are grblHAL's
+//! (`settings.h`), the homing direction that of its `machine_limits.c`.
 
 use std::collections::BTreeMap;
 
@@ -13,21 +13,22 @@ const MOST_RATE: u16 = 110;
 const ACCELERATION: u16 = 120;
 const TRAVEL: u16 = 130;
 
-/// The first of the settings min and max, an extension: where the travel of an axis lies that grblHAL
-/// could not have, on both sides of zero.
+/// First numbers of the settings for minimum and maximum of the travel, an extension: grblHAL cannot express a
+/// travel on both sides of zero.
 const ENDS: [u16; 2] = [9000, 9050];
 
-/// Its reports show the state of inputs.
+/// Bit of the report mask: reports contain the state of the inputs.
 pub(super) const SHOWS_PINS: u32 = 1 << 4;
 pub(super) const SHOWS_OVERRIDES: u32 = 1 << 6;
 
 const STEPS_PER_UNIT: f64 = 1000.0;
 const PULL_OFF: f64 = 1.0;
-/// Homing is on, its switch is zero, and what has no switch is homed where it stands.
+/// Homing mask: homing enabled, the switch position is zero, and an axis without a switch is homed at its
+/// current position.
 const HOMING: f64 = 1.0 + 8.0 + 32.0;
 
-/// The settings of `machine`. An axis whose travel ends at zero homes there, onto a switch; grblHAL has
-/// no others, so the ends of any other travel are an extension.
+/// Settings of `machine`. An axis whose travel ends at zero homes there, onto a switch. grblHAL supports no
+/// other travel, so the limits of any other axis are an extension.
 pub(super) fn of(machine: &Machine) -> BTreeMap<u16, f64> {
     let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
     let mut settings: BTreeMap<u16, f64> =
@@ -59,7 +60,7 @@ pub(super) fn of(machine: &Machine) -> BTreeMap<u16, f64> {
     settings
 }
 
-/// As `$$` prints it: masks and counts whole, the rest with three decimals.
+/// Setting as printed by `$$`: masks and counts as integers, other values with three decimals.
 pub(super) fn line(number: u16, value: f64) -> String {
     match number {
         11 | 12 | 24 | 25 | 27 | 100..200 => format!("${number}={value:.3}"),

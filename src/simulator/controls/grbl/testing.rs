@@ -1,4 +1,4 @@
-//! For tests, of the driver as well: a five-axis machine with a round part, and its world.
+//! Test fixtures, also for the tests of the driver: a five-axis machine with a round part, and its world.
 
 #![allow(clippy::unwrap_used, reason = "for tests alone")]
 
@@ -10,7 +10,7 @@ use crate::{Truth, World};
 use machine::record::artefact::Artefact;
 use machine::record::machine::{Machine, Probe};
 
-/// X, Y ±400 mm, Z -400 to 0, B ±110°, C ±720°; the stylus-ball centre is the spindle datum.
+/// Machine with X, Y ±400 mm, Z -400 to 0, B ±110°, C ±720°; the stylus-ball centre is the spindle datum.
 pub fn machine() -> Machine {
     let linear = json!({"min": -400, "max": 400});
     serde_json::from_value(json!({
@@ -21,8 +21,8 @@ pub fn machine() -> Machine {
     .unwrap()
 }
 
-/// An errorless world: a part of radius 25 mm about the C axis, from Z -200 to -100 mm, and a
-/// ball of radius 3 mm: contact at 28 mm from the axis. The machine stands at zero.
+/// An errorless world: a part of radius 25 mm about the C axis, from Z -200 to -100 mm, and a ball of radius 3
+/// mm, so that contact is at 28 mm from the axis. The machine is at zero.
 pub fn world() -> Arc<Mutex<World>> {
     let probe: Probe = serde_json::from_value(json!({"ball_radius_mm": 3})).unwrap();
     let artefact: Artefact = serde_json::from_value(json!({

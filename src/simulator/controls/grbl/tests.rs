@@ -1,5 +1,5 @@
-//! The simulated control against transcripts of a real grblHAL (Linux build of August 2026, five
-//! axes XYZBC): the bytes on the right are its own.
+//! Compares the simulated control with transcripts of a real grblHAL (Linux build of August 2026, five axes
+//! XYZBC): the expected bytes are those of grblHAL.
 
 use super::*;
 
@@ -52,7 +52,7 @@ fn a_touch_a_miss_and_a_closed_probe() {
     say(&mut firmware, BESIDE);
     let touch = say(&mut firmware, "N7 G38.2 X0 F30\n");
     assert_eq!(touch, ["[PRB:28.000,0.000,-150.000,0.000,0.000:1]", "ok"]);
-    // The overshoot is seen afterwards.
+    // The probe still reads closed after the overshoot.
     let status = say(&mut firmware, "?").join("");
     assert!(status.contains("|Pn:P"), "{status}");
     assert_eq!(say(&mut firmware, "G38.3 X0\n"), ["ALARM:4", "ok"]);

@@ -1,4 +1,4 @@
-//! A chunk: whether it is taken, and once.
+//! Acceptance of a chunk: each chunk is executed at most once.
 
 use super::layout::{ACKNOWLEDGE, CHUNK, CRC, LENGTH, SEQUENCE};
 use super::{Entry, Firmware, Mode};
@@ -12,7 +12,7 @@ const NO_HEARTBEAT: u16 = 5;
 const BUSY: u16 = 6;
 
 impl Firmware {
-    /// The sequence register was written.
+    /// Handles a write of the sequence register.
     pub(super) fn sequence_written(&mut self) {
         let sequence = self.command[SEQUENCE];
         self.note(Entry::Asked { sequence });
@@ -31,7 +31,7 @@ impl Firmware {
         }
     }
 
-    /// Lines to execute, or a table; as the diary tells it.
+    /// Accepts lines to execute, or a table; returns the text for the diary.
     fn take(&mut self, sequence: u16, bytes: Vec<u8>) -> Result<String, u16> {
         if self.resident.is_some() {
             let word = |pair: &[u8]| pair.iter().fold(0, |word, byte| word << 8 | u16::from(*byte));
@@ -43,7 +43,7 @@ impl Firmware {
         Ok(text)
     }
 
-    /// The chunk, if it may be taken.
+    /// Bytes of the chunk, if it may be accepted.
     fn bytes(&self, before: u16) -> Result<Vec<u8>, u16> {
         if self.mode != Mode::Ready || self.is_moving() {
             return Err(BUSY);
@@ -71,7 +71,7 @@ impl Firmware {
     }
 }
 
-/// CRC-16/MODBUS, as a division bit by bit of the text with its bits turned round.
+/// CRC-16/MODBUS, computed as a bitwise division of the text with the bits of each byte reversed.
 fn check_sum(bytes: &[u8]) -> u16 {
     let mut rest = u16::MAX;
     for byte in bytes {

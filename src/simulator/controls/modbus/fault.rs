@@ -1,4 +1,4 @@
-//! What the simulated control, or its wire, can do wrong, to rehearse it: `[[simulated.fault]]`.
+//! Faults of the simulated control or of its wire, `[[simulated.fault]]`, for rehearsals.
 
 use std::time::Duration;
 
@@ -13,37 +13,37 @@ use crate::interpreter::Sham;
 const E_STOP: u16 = 10;
 const UNKNOWN_ALARM: u16 = 99;
 const USUAL_LATE_S: f64 = 0.7;
-/// Of a common PLC.
+/// Scan period of a common PLC, s.
 const USUAL_SCAN_S: f64 = 0.010;
 
-/// Far beyond the clock of any control.
+/// Time stamp of [`FaultKind::WrongStamp`], s: far beyond the clock of any control.
 pub(super) const WRONG_STAMP_S: f64 = 1e300;
 
 const MANY: usize = 8;
-/// First register of the latch.
+/// First register of the latched position.
 const LATCH: usize = 20;
 
-/// One thing that goes wrong, once: at the first request after all conditions hold.
+/// One fault. It occurs once, at the first request after all conditions hold.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Fault {
     pub kind: FaultKind,
-    /// Not before this request, counted as they come.
+    /// Earliest request, counted in the order of arrival.
     #[serde(default)]
     pub at_request: u64,
-    /// Not before so many chunks were taken.
+    /// Number of accepted chunks before which the fault does not occur.
     #[serde(default)]
     pub at_line: u64,
-    /// Not before so many contacts.
+    /// Number of contacts before which the fault does not occur.
     #[serde(default)]
     pub after_touch: u64,
-    /// Of an alarm or an exception.
+    /// Code of an alarm or an exception.
     #[serde(default)]
     pub code: Option<u8>,
-    /// How late a reply is.
+    /// Delay of a reply, s.
     #[serde(default)]
     pub late_s: Option<f64>,
-    /// How often a PLC looks at the probe.
+    /// Period at which a PLC reads the probe input, s.
     #[serde(default)]
     pub scan_s: Option<f64>,
 }
@@ -51,62 +51,62 @@ pub struct Fault {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultKind {
-    /// The request is obeyed, the reply comes late.
+    /// The request is executed; the reply comes late.
     Late,
-    /// The request is obeyed, the reply lost.
+    /// The request is executed; the reply is lost.
     Unanswered,
     /// The request is lost.
     Lost,
     /// The request is refused by an exception.
     Exception,
-    /// The status is written while it is read.
+    /// The status changes while it is read.
     Torn,
-    /// The status of an earlier moment is shown once more.
+    /// An earlier status is returned once more.
     Stale,
     /// The connection is cut (RTU: the request is lost).
     Cut,
-    /// It hangs: nothing is answered any more.
+    /// The control hangs: it answers no request any more.
     Silence,
-    /// Its program stands; its registers are still served.
+    /// The program of the control stops; its registers are still served.
     Frozen,
-    /// It is switched off and on.
+    /// The control is switched off and on.
     Reset,
     Alarm,
     EStop,
-    /// Somebody holds it at the machine.
+    /// A person holds the control at the machine.
     Hold,
     /// The probe reads closed from now on.
     ProbeStuck,
     /// The probe reads open from now on.
     ProbeDead,
-    /// The next probing move meets something after two fifths of its way.
+    /// The next probing move meets an obstacle after two fifths of its path.
     ForeignBody,
-    /// Something brushes the stylus during the next rapid: the probe reads closed for a while.
+    /// The stylus is brushed during the next rapid: the probe reads closed for a while.
     RapidContact,
-    /// From now on a contact is latched by the scan of a PLC.
+    /// From now on a contact is latched in the scan cycle of a PLC.
     SlowLatch,
-    /// A write of many registers is confirmed, and only the first half of it is kept.
+    /// A write of many registers is confirmed, but only its first half is kept.
     HalfWritten,
-    /// The write of a sequence is confirmed and forgotten.
+    /// A write of the sequence register is confirmed but ignored.
     LostStart,
-    /// The write of a hold is confirmed and forgotten.
+    /// A write of the hold register is confirmed but ignored.
     LostHold,
-    /// Its heartbeat stays as it is; its program goes on.
+    /// The heartbeat stops; the program continues.
     HeartbeatStands,
-    /// From now on each contact is stamped with `WRONG_STAMP_S`.
+    /// From now on each contact gets the time stamp [`WRONG_STAMP_S`].
     WrongStamp,
-    /// A program shows the result before once more, as valid.
+    /// A resident program shows the previous result once more, as valid.
     StaleResult,
-    /// A program does not hear an acknowledge.
+    /// A resident program ignores an acknowledgement.
     RepeatedResult,
-    /// A program counts a result that it never shows.
+    /// A resident program counts a result that it never shows.
     SkippedResult,
-    /// A program begins once more where it should end.
+    /// A resident program starts once more where it should end.
     StartedTwice,
 }
 
 impl FaultKind {
-    /// Of every window that nobody holds (`LostHold` strikes holds alone).
+    /// Faults that apply to every window; `LostHold` is not included, because it affects only holds.
     pub const ALL: [FaultKind; 20] = [
         Self::Late,
         Self::Unanswered,
@@ -129,16 +129,16 @@ impl FaultKind {
         Self::HalfWritten,
         Self::LostStart,
     ];
-    /// Of a resident program besides.
+    /// Additional faults of a resident program.
     pub const OF_PROGRAM: [FaultKind; 4] =
         [Self::StaleResult, Self::RepeatedResult, Self::SkippedResult, Self::StartedTwice];
 
-    /// It happens to a resident program alone.
+    /// Whether the fault applies to a resident program only.
     pub fn of_program(self) -> bool {
         Self::OF_PROGRAM.contains(&self)
     }
 
-    /// It is noted when it happens.
+    /// Whether the fault is recorded when it takes effect, not when it is due.
     fn comes_later(self) -> bool {
         matches!(
             self,
@@ -146,7 +146,7 @@ impl FaultKind {
         )
     }
 
-    /// Whether it can happen to this request at all.
+    /// Whether the fault can affect this request.
     fn strikes(self, request: &Request<'_>) -> bool {
         match self {
             Self::HalfWritten => {
@@ -164,14 +164,14 @@ impl FaultKind {
     }
 }
 
-/// What goes back over the wire.
+/// Reply to a request, and its delay.
 pub(super) struct Reply {
     pub answer: Option<Result<Response, ExceptionCode>>,
     pub late: Duration,
 }
 
 impl Firmware {
-    /// A request comes at `now`.
+    /// Handles a request that arrives at `now`.
     pub(super) fn request(&mut self, request: &Request<'_>, now: Duration) -> Reply {
         self.live(now);
         self.requests += 1;
@@ -197,7 +197,7 @@ impl Firmware {
 
     fn obey(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let answer = self.answer(request);
-        // What was written acts at once.
+        // A write takes effect at once.
         self.live(self.now);
         answer
     }
@@ -243,7 +243,7 @@ impl Firmware {
         Reply { answer, late }
     }
 
-    /// What befalls the control itself.
+    /// Applies a fault of the control itself.
     fn turn(&mut self, kind: FaultKind, fault: &Fault) {
         match kind {
             FaultKind::Frozen => self.frozen = Some(self.status()),
@@ -282,7 +282,7 @@ impl Firmware {
         answer
     }
 
-    /// The first half of what is to be written, as if it were all.
+    /// Writes the first half of the registers and confirms all.
     fn half(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let Request::WriteMultipleRegisters(at, words) = request else {
             return self.obey(request);
@@ -295,7 +295,7 @@ impl Firmware {
         Ok(Response::WriteMultipleRegisters(*at, count))
     }
 
-    /// From the latch on it is of the block before.
+    /// Status whose registers from the latch on are those of the previous status.
     fn torn(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let before = self.shown.clone();
         match self.obey(request) {

@@ -1,5 +1,4 @@
-//! What the simulated control does with the machine: one line after the other, at once or in the time
-//! it takes.
+//! Execution of lines by the simulated control: one after the other, at once or in real time.
 
 use std::time::Duration;
 
@@ -12,11 +11,11 @@ use super::{
 use crate::Contact;
 use crate::interpreter::{Act, Active, Done, Job, Sham};
 
-/// One report may get lost on a bad wire.
+/// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
 const BRUSHED_REPORTS: u8 = 2;
 
 impl Firmware {
-    /// Live on up to `now`.
+    /// Advances the control to the time `now`.
     pub(super) fn live(&mut self, now: Duration) {
         loop {
             if let Some(ends) = self.active.as_ref().map(|active| active.ends) {
@@ -106,17 +105,17 @@ impl Firmware {
         self.note(Entry::Contact { latch: steps(&self.latch), t_s: contact.t_s });
     }
 
-    /// What the probe's input reads.
+    /// Whether the probe input reads closed.
     pub(super) fn tripped(&self) -> bool {
         self.with_world(|world| self.sham.tripped(world))
     }
 
-    /// A status has told how the probe reads.
+    /// Registers that a status has shown the probe state.
     pub(super) fn probe_was_told(&mut self) {
         self.sham = self.sham.told();
     }
 
-    /// A drive that is pressed against something stalls.
+    /// A drive that is pressed against an obstacle stalls.
     fn crash_if(&mut self, crashed: bool) {
         if crashed {
             self.alarm(HARD_LIMIT);
@@ -128,7 +127,7 @@ impl Firmware {
         self.mode = Mode::Alarm(code);
     }
 
-    /// Stop where the machine is; what is left is given up.
+    /// Stops the machine where it is and discards the remaining motion.
     pub(super) fn hold(&mut self, reason: u16) {
         if self.mode == Mode::Ready {
             self.stop_here();

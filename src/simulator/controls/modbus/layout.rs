@@ -1,8 +1,8 @@
-//! Where the items lie, as published.
+//! Register addresses, as published.
 
 use machine::{Axis, Position};
 
-/// Holding registers of the command block, with lines and with the table of a program.
+/// Sizes of the command block in holding registers: with lines, and with the table of a resident program.
 pub(super) const OF_LINES: usize = 106;
 pub(super) const OF_PROGRAM: usize = 334;
 pub(super) const HOLD: usize = 0;
@@ -15,7 +15,7 @@ pub(super) const CHUNK: usize = 6;
 
 pub(super) const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 
-/// Steps of 0.001 mm or degree, rounded as a report with three decimals is.
+/// Positions in steps of 0.001 mm or degree, rounded as in a report with three decimals.
 pub(super) fn steps(position: &Position) -> Vec<i32> {
     let step = |axis: Axis| format!("{:.3}", axis.to_edge(position.at(axis))).replace('.', "");
     AXES.map(|axis| step(axis).parse().unwrap_or(i32::MAX)).to_vec()

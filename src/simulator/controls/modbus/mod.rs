@@ -1,8 +1,8 @@
-//! The simulated control behind a window of Modbus registers: executes the text it is given, or the
-//! rows for the program that it holds, against a [`World`]. It is the driver's peer and shares none of its
-//! code; where the items lie it knows from `docs/line-window.md` and `docs/resident-program.md` alone.
+//! The simulated control behind a window of Modbus registers: executes the received text, or the rows for its
+//! resident program, against a [`World`]. It is the peer of the driver and shares no code with it; its register
+//! addresses come from `docs/line-window.md` and `docs/resident-program.md` alone.
 //!
-//! It lives when it is asked: a request first brings it up to the time at which it comes.
+//! Its state advances on requests: each request first brings it up to the time of its arrival.
 
 mod chunk;
 mod fault;
@@ -35,18 +35,18 @@ const NO_CONTACT: u16 = 5;
 const STILL_CLOSED: u16 = 11;
 const HEARTBEAT_LOST: u16 = 64;
 
-/// Without a heartbeat from the other side for so long, what moves is held and nothing is taken.
+/// Timeout of the client's heartbeat: after it, motion is held and no chunk is accepted.
 const HEARTBEAT: Duration = Duration::from_secs(2);
 
-/// How this control is built.
+/// Configuration of the simulated control.
 #[derive(Debug, Clone)]
 pub struct Options {
-    /// Its axes and their travel.
+    /// Interpreter with the axes and their travel.
     pub reader: Interpreter,
     pub pace: Pace,
-    /// What goes wrong.
+    /// Faults to simulate.
     pub faults: Vec<Fault>,
-    /// It holds a measuring program, and takes no lines.
+    /// Whether the control holds a resident measuring program; it then accepts no lines.
     pub resident: bool,
 }
 
@@ -56,19 +56,19 @@ impl Options {
     }
 }
 
-/// What the control did, in its order.
+/// One entry of the diary of the control.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Entry {
-    /// A chunk was taken; `text` says the rows of a table in words.
+    /// A chunk was accepted; `text` describes its lines or the rows of its table.
     Took {
         sequence: u16,
         text: String,
     },
-    /// A chunk was offered, taken or not.
+    /// A chunk was offered, whether accepted or not.
     Asked {
         sequence: u16,
     },
-    /// Positions as latched, in steps of 0.001 mm or degree, and the time.
+    /// Latched positions, in steps of 0.001 mm or degree, and the time.
     Contact {
         latch: Vec<i32>,
         t_s: f64,
@@ -79,25 +79,25 @@ pub enum Entry {
 
 pub type Diary = Arc<Mutex<Vec<Entry>>>;
 
-/// What the machine does, besides its motion.
+/// Operating state of the control.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Mode {
-    /// After switching on, until a person makes it ready.
+    /// State after power-up, until a person makes the control ready.
     NotReady,
     Ready,
-    /// With the reason, 0 for the hold register or a person.
+    /// Held, with the reason; 0 for the hold register or a person.
     Held(u16),
     Alarm(u16),
 }
 
-/// The control.
+/// The simulated control.
 pub struct Firmware {
     options: Options,
     world: Arc<Mutex<World>>,
     mode: Mode,
     /// The holding registers.
     command: Vec<u16>,
-    /// Of the chunk in hand, those that are not begun.
+    /// Lines of the current chunk that have not been started.
     lines: VecDeque<String>,
     resident: Option<Resident>,
     active: Option<Active>,
@@ -107,28 +107,28 @@ pub struct Firmware {
     latches: u16,
     latch: Position,
     latch_time_s: f64,
-    /// Status blocks written so far.
+    /// Number of status blocks written so far.
     blocks: u16,
     sham: Sham,
-    /// When the other side's heartbeat last changed.
+    /// Time at which the client's heartbeat last changed.
     beat: Option<Duration>,
     requests: u64,
     taken: u64,
-    /// Contacts since it was built.
+    /// Number of contacts since the control was built.
     touches: u64,
-    /// The status under way shows the result before.
+    /// Whether the current status shows the previous result.
     stale_result: bool,
-    /// It takes nothing, and its status stays as it was.
+    /// Status of a frozen control, which accepts nothing.
     frozen: Option<Vec<u16>>,
-    /// Its heartbeat stays at this value.
+    /// Value of a heartbeat that has stopped.
     standing_heartbeat: Option<u16>,
     wrong_stamp: bool,
-    /// The block before.
+    /// The previous status block.
     shown: Vec<u16>,
     hung: bool,
     cut: Arc<tokio::sync::Notify>,
     diary: Diary,
-    /// Host time since it was switched on.
+    /// Host time since power-up.
     now: Duration,
 }
 
@@ -175,21 +175,21 @@ impl Firmware {
     }
 
     fn note(&self, entry: Entry) {
-        // A list is whole whatever panicked beside it.
+        // A list stays consistent if another thread panics.
         self.diary.lock().unwrap_or_else(PoisonError::into_inner).push(entry);
     }
 
     fn with_world<T>(&self, act: impl FnOnce(&mut World) -> T) -> T {
-        // The world is plain data: a panic elsewhere leaves it whole.
+        // The world is plain data: a panic elsewhere leaves it consistent.
         act(&mut self.world.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Where the machine stands.
+    /// Displayed position of the machine.
     fn stand(&self) -> Position {
         self.with_world(|world| world.position())
     }
 
-    /// Switched off and on: a person has to make it ready.
+    /// Switches the control off and on; a person must make it ready again.
     fn reset(&mut self) {
         self.stop_here();
         self.command.fill(0);

@@ -1,4 +1,4 @@
-//! What a request reads and writes.
+//! Reads and writes of registers.
 
 use tokio_modbus::{ExceptionCode, Request, Response};
 
@@ -10,7 +10,7 @@ use machine::Position;
 
 const VERSION: u16 = 1;
 const PROGRAM_VERSION: u16 = 101;
-/// Of the heartbeat.
+/// Rate of the heartbeat counter, 1/s.
 const BEATS_PER_S: f64 = 20.0;
 
 fn words_of(position: &Position) -> Vec<u16> {
@@ -25,7 +25,7 @@ fn words(bytes: &[u8]) -> Vec<u16> {
 }
 
 impl Firmware {
-    /// Input registers 0 to 44; with a program, to 49.
+    /// Input registers 0 to 44; 0 to 49 with a resident program.
     pub(super) fn status(&mut self) -> Vec<u16> {
         if let Some(frozen) = &self.frozen {
             return frozen.clone();
@@ -73,7 +73,7 @@ impl Firmware {
         self.standing_heartbeat.unwrap_or(beat)
     }
 
-    /// What a program shows; once the result before, where that is what goes wrong.
+    /// Result shown by the resident program; the previous one for [`FaultKind::StaleResult`].
     fn slot(&mut self) -> Option<Slot> {
         let resident = self.resident.as_ref()?;
         match self.stale_result.then(|| resident.before.clone()).flatten() {
@@ -82,7 +82,7 @@ impl Firmware {
         }
     }
 
-    /// Do what `request` asks for.
+    /// Executes `request`.
     pub(super) fn answer(&mut self, request: &Request<'_>) -> Result<Response, ExceptionCode> {
         let cut = |block: &[u16], first: u16, count: u16| {
             let first = usize::from(first);

@@ -1,5 +1,5 @@
-//! The program that the simulated control holds: rows of a table, one after the other, a scan each at
-//! least; a result is shown until it was acknowledged. Where things lie is known from
+//! The resident program of the simulated control: executes the rows of a table one after the other, each in at
+//! least one scan, and shows a result until it is acknowledged. Register addresses come from
 //! `docs/resident-program.md` alone.
 
 use std::time::Duration;
@@ -11,17 +11,17 @@ use crate::interpreter::Job;
 use machine::{Axis, Position};
 
 const NUMBER: u16 = 1;
-/// In the spindle. 0: the other side does not ask.
+/// Number of the tool in the spindle. The client sends 0 if it does not check the tool.
 const TOOL: u16 = 1;
 const NO_SUCH_PROGRAM: u16 = 7;
 const OTHER_TOOL: u16 = 8;
 
-/// Registers of a row.
+/// Size of a row, registers.
 const ROW: usize = 16;
-/// In the table: of 0.0001 mm or degree, and of 0.001.
+/// Positions in the table count in 0.0001 mm or degree, other values in 0.001.
 const POSITIONS_PER_UNIT: f64 = 10_000.0;
 const VALUES_PER_UNIT: f64 = 1000.0;
-/// Of the control's program.
+/// Scan period of the control's program.
 pub(super) const SCAN: Duration = Duration::from_millis(1);
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -41,7 +41,7 @@ struct Row {
     value: f64,
 }
 
-/// What is handed over.
+/// A result that is handed to the client.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Slot {
     pub number: u16,
@@ -57,13 +57,13 @@ pub(super) struct Slot {
 pub(super) struct Resident {
     rows: Vec<Row>,
     step: u32,
-    /// Row under way, from 1; 0: none.
+    /// Current row, from 1; 0: none.
     pub at: usize,
     pub slot: Slot,
-    /// The result before.
+    /// The previous result.
     pub before: Option<Slot>,
-    /// Does not hear the next acknowledge; counts a result that it does not show; begins once more
-    /// where it should end.
+    /// Faults: ignores the next acknowledgement; counts a result that it does not show; starts once more where
+    /// it should end.
     pub deaf: bool,
     pub skips: bool,
     pub begins_again: bool,
@@ -79,14 +79,14 @@ impl Resident {
         self.at = 0;
     }
 
-    /// The register was written.
+    /// Handles a write of the acknowledge register.
     pub(super) fn acknowledged(&mut self, number: u16) {
         if number == self.slot.number && !std::mem::take(&mut self.deaf) {
             self.slot.valid = false;
         }
     }
 
-    /// The row under way.
+    /// The current row.
     fn row(&self) -> Option<&Row> {
         self.at.checked_sub(1).and_then(|place| self.rows.get(place))
     }
@@ -95,7 +95,7 @@ impl Resident {
         self.row().is_some_and(|row| row.kind == Kind::Touch)
     }
 
-    /// Go on to the row after; whether there is one.
+    /// Advances to the next row; returns whether there is one.
     fn advance(&mut self) -> bool {
         self.at = if self.at < self.rows.len() { self.at + 1 } else { 0 };
         self.at > 0
@@ -103,7 +103,7 @@ impl Resident {
 }
 
 impl Firmware {
-    /// A table came whole. Begin with it.
+    /// Starts the program with a complete table.
     pub(super) fn begin_program(&mut self, sequence: u16, words: &[u16]) -> Result<String, u16> {
         let [bound, number, tool, high, low, touches, count, _, table @ ..] = words else {
             return Err(BAD_LENGTH);
@@ -137,12 +137,12 @@ impl Firmware {
         fed && row.to.is_empty() != moves && self.options.reader.within_limits(&row.to)
     }
 
-    /// Begin the row under way; `false` where there is nothing to begin now.
+    /// Starts the current row; `false` where no row can start now.
     pub(super) fn next_row(&mut self) -> bool {
         let Some(resident) = &self.resident else { return false };
         let (Some(row), step) = (resident.row().cloned(), resident.step) else { return false };
         if row.kind == Kind::Touch && resident.slot.valid {
-            // The slot holds one.
+            // The slot holds a result that is not acknowledged.
             return false;
         }
         let (to, feed) = (row.to, row.value);
@@ -162,7 +162,7 @@ impl Firmware {
         true
     }
 
-    /// The row under way has come to its end.
+    /// Handles the end of the current row.
     pub(super) fn row_done(&mut self, contact: Option<bool>) {
         let Some(resident) = &self.resident else { return };
         let Some(row) = resident.row() else { return };

@@ -15,7 +15,7 @@ use tokio_serial::SerialStream;
 
 use super::Firmware;
 
-/// On a serial line, where several devices may hang.
+/// Modbus unit address on a serial line, which several devices may share.
 const UNIT: u8 = 1;
 const WIRE_BYTES: usize = 4096;
 
@@ -23,7 +23,7 @@ const WIRE_BYTES: usize = 4096;
 struct Server {
     firmware: Arc<Mutex<Firmware>>,
     since: Instant,
-    /// Answers this one alone.
+    /// Unit address that is answered; requests to others are ignored.
     unit: Option<u8>,
 }
 
@@ -56,10 +56,10 @@ fn server(firmware: Firmware, unit: Option<u8>) -> (Server, Arc<Notify>) {
     (Server { firmware: Arc::new(Mutex::new(firmware)), since: Instant::now(), unit }, cut)
 }
 
-/// Serve whoever connects, until dropped.
+/// Serves every client that connects, until dropped.
 ///
 /// # Errors
-/// The listener's.
+/// The listener fails.
 pub async fn serve_tcp(firmware: Firmware, listener: TcpListener) -> io::Result<()> {
     let (server, cut) = server(firmware, None);
     let connected = |stream: TcpStream, _| {
@@ -72,12 +72,12 @@ pub async fn serve_tcp(firmware: Firmware, listener: TcpListener) -> io::Result<
     tcp::Server::new(listener).serve(&connected, |_| {}).await
 }
 
-/// The stream, with a pair of shears at it.
+/// The stream, with a switch that cuts it.
 fn until_cut(mut stream: TcpStream, cut: Arc<Notify>) -> DuplexStream {
     let (mut near, far) = duplex(WIRE_BYTES);
     tokio::spawn(async move {
         let cut = cut.notified();
-        // Cut or at its end: both streams are closed.
+        // After a cut or at its end, both streams are closed.
         tokio::select! {
             () = cut => {}
             _ = copy_bidirectional(&mut stream, &mut near) => {}
@@ -86,10 +86,10 @@ fn until_cut(mut stream: TcpStream, cut: Arc<Notify>) -> DuplexStream {
     far
 }
 
-/// Serve the line, as unit 1, until dropped.
+/// Serves the serial line as unit 1, until dropped.
 ///
 /// # Errors
-/// The line's.
+/// The serial line fails.
 pub async fn serve_rtu(firmware: Firmware, line: SerialStream) -> io::Result<()> {
     let (server, _) = server(firmware, Some(UNIT));
     rtu::Server::new(line).serve_forever(server).await

@@ -1,4 +1,4 @@
-//! The simulated control alone, register by register.
+//! Tests the simulated control alone, register by register.
 
 use std::borrow::Cow;
 use std::sync::{Arc, Mutex};
@@ -52,7 +52,7 @@ fn status(firmware: &mut Firmware, ms: u64) -> Vec<u16> {
 /// `G53 G0 X5`.
 const TEXT: [u16; 5] = [0x4735, 0x3320, 0x4730, 0x2058, 0x3500];
 
-/// Check sums of it and of `G53 G1 X50 F60`, as another program computed them.
+/// Checksums of `TEXT` and of `G53 G1 X50 F60`, as computed by another program.
 const CRC: u16 = 0x599B;
 const CRC_OF_SLOW: u16 = 0x75C7;
 
@@ -64,7 +64,7 @@ fn chunk(beat: u16, acknowledge: u16) -> Vec<u16> {
 fn a_chunk_counts_once_and_only_when_its_sequence_follows() {
     let mut control = firmware(Pace::Fast);
     write(&mut control, 2, &chunk(1, 0), 10);
-    // Laid down is not begun.
+    // A written chunk is not started before its sequence is written.
     assert_eq!(status(&mut control, 11)[2..6], [1, 0, 0, 0]);
     for sequence in [2, 1, 1, 0, 3] {
         write(&mut control, 1, &[sequence], 12);
@@ -98,7 +98,7 @@ fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
     for (hold_ms, reason) in [(None, 64), (Some(50), 0)] {
         let mut control = firmware(Pace::Real);
         let mut words = chunk(1, 0);
-        // 5 mm at a rapid is soon over: `G53 G1 X50 F60` takes 50 s.
+        // 5 mm at rapid speed end soon; `G53 G1 X50 F60` takes 50 s.
         let text = b"G53 G1 X50 F60";
         words.splice(2.., [CRC_OF_SLOW, 14]);
         words.extend(text.chunks(2).map(|pair| u16::from_be_bytes([pair[0], pair[1]])));
@@ -110,7 +110,7 @@ fn it_stops_in_mid_move_when_the_heartbeat_stops_and_when_it_is_told_to_hold() {
         }
         assert_eq!(status(&mut control, 9000)[2..6], [3, reason, 1, 0]);
         let x = control.stand().at(machine::Axis::X);
-        // 1 mm/s until then.
+        // The machine moves at 1 mm/s until then.
         let until_s = hold_ms.map_or(2.010, |ms| ms as f64 * 1e-3) - 0.011;
         assert!((x - until_s).abs() < 0.01, "{x}");
         assert!(matches!(control.mode, Mode::Held(_)));
@@ -130,7 +130,7 @@ fn what_lies_elsewhere_is_refused_by_an_exception() {
 /// One rapid of X to 5 mm, as step 7 of program 1, bound to sequence 1; written by hand.
 const TABLE: [u16; 24] =
     [1, 1, 0, 0, 7, 0, 1, 0, 1, 1, 0, 0, 0, 50_000, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0];
-/// Check sums of what is altered, as another program computed them.
+/// Checksums of the changed tables, as computed by another program.
 const CRC_OF_TABLE: u16 = 0x9A0A;
 
 fn offer(control: &mut Firmware, table: &[u16], crc: u16, ms: u64) {
@@ -183,7 +183,7 @@ fn a_table_that_is_not_whole_not_meant_or_cannot_be_moves_nothing() {
         assert_eq!(status[2..7], [1, 0, 1, 0, error], "{place}");
         assert_eq!(control.stand().at(machine::Axis::X), 0.0);
     }
-    // Beyond the travel.
+    // A target beyond the travel.
     let mut table = TABLE;
     table[12..14].copy_from_slice(&[0x7A, 0x1200]);
     let mut control = built(Pace::Fast, true);
