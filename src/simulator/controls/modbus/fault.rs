@@ -93,7 +93,7 @@ pub enum FaultKind {
     LostHold,
     /// The heartbeat stops; the program continues.
     HeartbeatStands,
-    /// From now on each contact gets the time stamp [`WRONG_STAMP_S`].
+    /// From now on each contact gets the time stamp `WRONG_STAMP_S`.
     WrongStamp,
     /// A resident program shows the previous result once more, as valid.
     StaleResult,
