@@ -13,7 +13,7 @@ use machine::record::estimate::Estimate;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::identification::{Effect, Shape, UncertaintySource};
-use methods::self_calibration::{Bend, Fitted, LinearisedFit, SelfCalibration};
+use methods::self_calibration::{Fitted, LinearisedFit, SecondOrderCorrection, SelfCalibration};
 use methods::{Method, Registered};
 use serde_json::{Value, json};
 use trued::setup::{self, MachineFile};
@@ -111,7 +111,7 @@ fn source(source: &UncertaintySource) -> Value {
     }
 }
 
-fn bend(bend: &Bend) -> Value {
+fn bend(bend: &SecondOrderCorrection) -> Value {
     let contacts = bend.contacts.iter();
     let contacts = contacts.map(|contact| {
         json!([

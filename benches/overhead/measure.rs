@@ -12,7 +12,7 @@ use machine::record::event::Event;
 use machine::record::reading::Reading;
 use planning::gcode::Dialect;
 use trued::run::Run;
-use trued::setup::{self, Devices, MachineFile, Pace, Past};
+use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun};
 
 use super::{controls, tape};
@@ -85,7 +85,7 @@ impl Prepared {
         on_a_runtime(async {
             let capture = Capture::create(&path).unwrap();
             let wiring = Wiring::Captured(capture.clone());
-            let opening = setup::devices(&file, Pace::Fast, Past::default());
+            let opening = setup::devices(&file, Pace::Fast, RunHistory::default());
             let devices = wiring.during(opening).await.unwrap();
             run(&file, &devices, &in_memory()).await;
             drop(devices);

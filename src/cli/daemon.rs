@@ -13,7 +13,7 @@ use super::failure::Failure;
 use super::progress::Progress;
 use super::signals::stop_on_signals;
 use super::terminal::{by_enter, typed};
-use crate::run::{Answers, Asked};
+use crate::run::{Asked, PromptAnswers};
 use crate::service::{PageAddressFile, address};
 use crate::setup::MachineFile;
 use crate::store::{Holder, Journal, LockError, RunId, sha256_text};
@@ -104,7 +104,7 @@ impl Daemon {
     fn watched(
         &self,
         who: &str,
-        answers: &Answers,
+        answers: &PromptAnswers,
         progress: &mut Progress,
     ) -> Result<Value, Failure> {
         let (mut stage, mut open) = (Value::Null, None);

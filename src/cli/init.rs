@@ -9,7 +9,7 @@ use super::args::InitArgs;
 use super::failure::Failure;
 use super::run::runtime;
 use crate::setup::{Draft, SetupError};
-use devices::controllers::{Introduction, Leave, Named};
+use devices::controllers::{DeviceInfo, Leave, Named};
 
 pub fn init(args: &InitArgs) -> Result<Exit, Failure> {
     if let Some(file) = args.to.as_deref().filter(|file| file.exists()) {
@@ -70,7 +70,7 @@ async fn introduced(
     draft: &Draft,
     control: &dyn Named,
     search: bool,
-) -> Result<Introduction, Failure> {
+) -> Result<DeviceInfo, Failure> {
     let error = match draft.introduce(control).await {
         Err(SetupError::Controller(error)) => error,
         said => return Ok(said?),

@@ -11,7 +11,9 @@ use super::run::{check_report_folder, connect, runtime, tell_result};
 use super::signals::stop_on_signals;
 use super::terminal::{by_enter, typed};
 use super::wires::Wires;
-use crate::run::{Again, AgainError, CycleError, Question, identify_stored, store_identification};
+use crate::run::{
+    AgainError, CycleError, Question, ResumableRun, identify_stored, store_identification,
+};
 use crate::store::{Journal, MachineLock, RunId, RunState, StoredRun};
 use machine::record::event::Event;
 
@@ -25,7 +27,7 @@ pub fn resume(args: &ResumeArgs, state: Option<&Path>) -> Result<Exit, Failure> 
     }
     let lock = MachineLock::acquire(&folder, &stored.summary.machine)?;
     journal.mark_interrupted(&lock).wait()?;
-    let again = Again::of(journal.load(id)?)?;
+    let again = ResumableRun::of(journal.load(id)?)?;
     check_machine_file(args, again.stored())?;
     let (who, acknowledged) = acknowledge(args, &again)?;
     let wires = Wires::of(args.output.capture.as_deref(), None)?;
@@ -107,7 +109,7 @@ fn check_machine_file(args: &ResumeArgs, stored: &StoredRun) -> Result<(), Failu
 }
 
 /// The person's acknowledgement that the machine may move.
-fn acknowledge(args: &ResumeArgs, again: &Again) -> Result<(String, Event), Failure> {
+fn acknowledge(args: &ResumeArgs, again: &ResumableRun) -> Result<(String, Event), Failure> {
     let who = match &args.acknowledge {
         Some(name) => name.clone(),
         None => asked(&again.question())?,

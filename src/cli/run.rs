@@ -12,8 +12,8 @@ use super::signals::stop_on_signals;
 use super::terminal::{by_enter, login};
 use super::wires::Wires;
 use super::{Exit, show, with_state};
-use crate::run::{Answers, Cycle, check_probe};
-use crate::setup::{self, Devices, MachineFile, Pace, Past};
+use crate::run::{Cycle, PromptAnswers, check_probe};
+use crate::setup::{self, Devices, MachineFile, Pace, RunHistory};
 use crate::store::{Journal, MachineLock, RunId};
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
@@ -46,7 +46,7 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     let mut tell = |event: &Event| progress.tell(event);
     let found = runtime()?.block_on(async {
         // The run begins after its machine is open.
-        let opening = connect(&machine, args.output.speed, Past::default());
+        let opening = connect(&machine, args.output.speed, RunHistory::default());
         let devices = wires.connect(opening).await?;
         stop_on_signals(devices.controller.halt())?;
         let cycle = Cycle { machine: &machine, method, plan, answers };
@@ -58,10 +58,10 @@ pub fn run(args: &RunArgs, state: Option<&Path>) -> Result<Exit, Failure> {
 }
 
 /// Source of the answers: the person at the terminal, or, in a replay, an automatic answer.
-fn answers(args: &RunArgs, progress: &Progress) -> Answers {
+fn answers(args: &RunArgs, progress: &Progress) -> PromptAnswers {
     let who = args.acknowledge.clone().unwrap_or_else(login);
     match args.replay {
-        Some(_) => Answers::new(|_| Some("the replay".to_owned())),
+        Some(_) => PromptAnswers::new(|_| Some("the replay".to_owned())),
         None => by_enter(who, progress.printer()),
     }
 }
@@ -118,7 +118,7 @@ pub fn check_folder(file: &Path, what: &str, option: &str) -> Result<(), Failure
 pub async fn connect(
     machine: &MachineFile,
     speed: Option<Speed>,
-    past: Past<'_>,
+    past: RunHistory<'_>,
 ) -> Result<Devices, Failure> {
     Ok(setup::devices(machine, speed.unwrap_or_default().into(), past).await?)
 }

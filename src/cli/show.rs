@@ -7,7 +7,7 @@ use serde::Serialize;
 use super::failure::Failure;
 use crate::archive::report::report;
 use crate::store::{Journal, RunId};
-use machine::record::estimate::{Estimate, Judgement, Unit, Verdict};
+use machine::record::estimate::{Estimate, LimitVerdict, Unit, Verdict};
 
 pub fn print_json(value: &impl Serialize) -> Result<(), Failure> {
     let text = serde_json::to_string_pretty(value).map_err(Failure::plain)?;
@@ -71,7 +71,7 @@ pub fn print_estimate(estimate: &Estimate) {
 }
 
 /// Limit, verdict and probability of conformance.
-fn in_columns(Judgement { limit, verdict, conformance }: &Judgement, unit: Unit) -> String {
+fn in_columns(LimitVerdict { limit, verdict, conformance }: &LimitVerdict, unit: Unit) -> String {
     let conformance = conformance.map(|p| format!(" (conforms with {:.1} %)", 100.0 * p));
     let width = 16 - unit.symbol().chars().count();
     format!("{limit:>width$.3}  {verdict}{}", conformance.unwrap_or_default())

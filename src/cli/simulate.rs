@@ -10,7 +10,7 @@ use super::run::runtime;
 use crate::setup::{self, Rehearsal};
 use machine::Axis;
 use machine::record::question::{Question, Stylus};
-use simulator::Bystander;
+use simulator::SimulatedOperator;
 use simulator::faulty_wire::{BadWire, Planned};
 
 pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
@@ -48,7 +48,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<Exit, Failure> {
 }
 
 /// Lets the person at this terminal deflect the simulated stylus.
-fn beside(mut bystander: Bystander) {
+fn beside(mut bystander: SimulatedOperator) {
     if !std::io::stdin().is_terminal() {
         return;
     }

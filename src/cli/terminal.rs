@@ -8,7 +8,7 @@ use std::time::Duration;
 use tokio::time::sleep;
 
 use crate::commissioning::{Answering, Person, Stop, words_of};
-use crate::run::{Answers, Asked};
+use crate::run::{Asked, PromptAnswers};
 use machine::Axis;
 use machine::record::question::{Answer, AxisDirection, Question, Seen};
 
@@ -38,10 +38,10 @@ fn lines() -> Receiver<String> {
 
 /// Answers of the person `who` at the terminal, who confirms with Enter; nobody answers without a terminal.
 /// `show` is called with the text of the prompt.
-pub fn by_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> Answers {
+pub fn by_enter(who: String, show: impl Fn(&str) + Send + Sync + 'static) -> PromptAnswers {
     match std::io::stdin().is_terminal() {
         true => entered(who, show, lines),
-        false => Answers::nobody(),
+        false => PromptAnswers::nobody(),
     }
 }
 
@@ -56,9 +56,9 @@ fn entered(
     who: String,
     show: impl Fn(&str) + Send + Sync + 'static,
     listen: impl Fn() -> Receiver<String> + Send + Sync + 'static,
-) -> Answers {
+) -> PromptAnswers {
     let state: Mutex<(Option<Receiver<String>>, Option<Asked>)> = Mutex::default();
-    Answers::new(move |asked| {
+    PromptAnswers::new(move |asked| {
         let mut state = state.lock().unwrap_or_else(PoisonError::into_inner);
         let (typed, shown) = &mut *state;
         let Some(typed) = typed else {
@@ -152,7 +152,7 @@ fn seen(line: &str) -> Option<Seen> {
         "y" | "yes" => return Some(Seen::AsSaid),
         "r" => return Some(Seen::OtherWay),
         "n" | "no" => return Some(Seen::Nothing),
-        "?" => return Some(Seen::Again),
+        "?" => return Some(Seen::ResumableRun),
         _ => {}
     }
     if let Ok(axis) = line.to_ascii_uppercase().parse::<Axis>() {
@@ -225,7 +225,7 @@ mod tests {
             ("y", Some(Seen::AsSaid)),
             ("R", Some(Seen::OtherWay)),
             ("n", Some(Seen::Nothing)),
-            ("?", Some(Seen::Again)),
+            ("?", Some(Seen::ResumableRun)),
             ("c", Some(Seen::Another(Axis::C))),
             ("25.4", Some(Seen::Distance(25.4))),
             ("-3", Some(Seen::Distance(-3.0))),

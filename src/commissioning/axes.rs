@@ -83,7 +83,7 @@ async fn one(check: &mut Check<'_>, axis: Axis) -> Result<Looked, Ended> {
             trouble(check, &jog, since, &error).await?;
             return Ok(Looked::Told);
         }
-        if seen != Seen::Again {
+        if seen != Seen::ResumableRun {
             judge(check, &jog, seen, since, &expected);
             return Ok(Looked::Told);
         }
@@ -171,7 +171,7 @@ fn judge(check: &mut Check<'_>, jog: &Jog, seen: Seen, since: Instant, expected:
         seen => seen,
     };
     let (what, remedy) = match seen {
-        Seen::AsSaid | Seen::Again => {
+        Seen::AsSaid | Seen::ResumableRun => {
             return check.well(Part::Axes, since, format!("{axis} {by}: {expected}, as it should"));
         }
         Seen::OtherWay => (

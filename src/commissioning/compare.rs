@@ -1,7 +1,7 @@
 //! Compares the machine file with the data that the control reports. A file that claims less than the control
 //! has is correct.
 
-use devices::controllers::{AxisSays, Introduction};
+use devices::controllers::{DeviceInfo, ReportedAxis};
 use machine::Axis;
 use machine::record::machine::{AxisSpec, Machine};
 
@@ -17,7 +17,7 @@ pub(super) struct Difference {
     pub remedy: String,
 }
 
-pub(super) fn differences(machine: &Machine, says: &Introduction) -> Vec<Difference> {
+pub(super) fn differences(machine: &Machine, says: &DeviceInfo) -> Vec<Difference> {
     let mut found = Vec::new();
     let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
     for (axis, spec) in axes {
@@ -30,7 +30,7 @@ pub(super) fn differences(machine: &Machine, says: &Introduction) -> Vec<Differe
     found
 }
 
-fn missing(axis: Axis, says: &Introduction) -> Difference {
+fn missing(axis: Axis, says: &DeviceInfo) -> Difference {
     let has: Vec<String> = says.axes.keys().map(Axis::to_string).collect();
     let has = has.join(", ");
     Difference {
@@ -45,7 +45,7 @@ fn missing(axis: Axis, says: &Introduction) -> Difference {
     }
 }
 
-fn of_axis(axis: Axis, spec: &AxisSpec, says: &AxisSays) -> Vec<Difference> {
+fn of_axis(axis: Axis, spec: &AxisSpec, says: &ReportedAxis) -> Vec<Difference> {
     let mut found = Vec::new();
     let span = spec.max - spec.min;
     let slack = ROUNDED * span;
@@ -96,28 +96,28 @@ mod tests {
     use super::*;
     use crate::setup::MachineFile;
 
-    fn introduction() -> (Machine, Introduction) {
+    fn introduction() -> (Machine, DeviceInfo) {
         let text = include_str!("../../config/simulated.toml").to_owned();
         let machine = MachineFile::parse("machine.toml", text).unwrap().machine;
-        let says = |spec: &AxisSpec| AxisSays {
+        let says = |spec: &AxisSpec| ReportedAxis {
             min: Some(spec.min),
             max: Some(spec.max),
             rapid_per_min: Some(spec.rapid_per_min),
             acceleration_per_s2: Some(spec.acceleration_per_s2),
-            ..AxisSays::default()
+            ..ReportedAxis::default()
         };
         let axes = machine.axes.iter().filter(|(axis, _)| **axis != Axis::S);
         let axes = axes.map(|(axis, spec)| (*axis, says(spec))).collect();
-        (machine, Introduction { axes, ..Introduction::default() })
+        (machine, DeviceInfo { axes, ..DeviceInfo::default() })
     }
 
     #[test]
     fn only_what_the_machine_file_claims_beyond_the_control_is_told() {
         let (machine, says) = introduction();
         assert_eq!(differences(&machine, &says), []);
-        assert_eq!(differences(&machine, &Introduction::default()), [], "it tells nothing");
+        assert_eq!(differences(&machine, &DeviceInfo::default()), [], "it tells nothing");
 
-        let told = |change: fn(&mut AxisSays)| {
+        let told = |change: fn(&mut ReportedAxis)| {
             let mut says = says.clone();
             change(says.axes.get_mut(&Axis::X).unwrap());
             let found = differences(&machine, &says);

@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use super::words::position;
 use super::{Check, Ended, Part, compare::Difference, compare::differences, links};
-use devices::controllers::{ControllerError, Introduction, Look, describe_not_readable};
+use devices::controllers::{ControllerError, DeviceInfo, Look, describe_not_readable};
 use machine::Position;
 use machine::record::question::{Answer, Question};
 
@@ -31,7 +31,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
 }
 
 /// Compares its device information with the machine file; returns whether it may move.
-fn compare(check: &mut Check<'_>, says: Introduction, since: Instant) -> bool {
+fn compare(check: &mut Check<'_>, says: DeviceInfo, since: Instant) -> bool {
     check.summary.control = Some(says.identity.clone());
     check.polarity.clone_from(&says.polarity);
     let differs = differences(&check.file.machine, &says);

@@ -4,7 +4,7 @@ use std::pin::Pin;
 use std::time::Duration;
 
 use machine::record::question::{Answer, Question};
-use simulator::Bystander;
+use simulator::SimulatedOperator;
 
 pub type Answering<'a> = Pin<Box<dyn Future<Output = Answer> + 'a>>;
 
@@ -27,7 +27,7 @@ impl Person for Nobody {
     }
 }
 
-impl Person for Bystander {
+impl Person for SimulatedOperator {
     fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {
         Box::pin(std::future::ready(self.answer(question)))
     }

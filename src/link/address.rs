@@ -9,7 +9,7 @@ use tokio::net::TcpStream;
 use tokio::time::{Instant, sleep, timeout};
 use tokio_serial::{ErrorKind, Parity, SerialPortBuilderExt, SerialStream};
 
-use super::{Flow, Link, LinkError};
+use super::{ByteStreamHandle, Link, LinkError};
 
 /// Maximum time until a host accepts a TCP connection.
 const CONNECT: Duration = Duration::from_secs(5);
@@ -55,13 +55,15 @@ pub async fn open(address: &Address) -> Result<Link, LinkError> {
 }
 
 /// Like [`open`], for a device that sends data without a request.
-pub async fn listen(address: &Address) -> Result<Flow, LinkError> {
+pub async fn listen(address: &Address) -> Result<ByteStreamHandle, LinkError> {
     let name = address.to_string();
     match address.clone() {
         Address::Serial { path, baud } => {
-            Flow::opened(name, serial(path, baud, Parity::None)).await
+            ByteStreamHandle::opened(name, serial(path, baud, Parity::None)).await
         }
-        Address::Tcp { host, port } => Flow::opened(name.clone(), tcp(name, host, port)).await,
+        Address::Tcp { host, port } => {
+            ByteStreamHandle::opened(name.clone(), tcp(name, host, port)).await
+        }
     }
 }
 

@@ -30,7 +30,7 @@ pub(super) const HEAD: &str = "# trued-capture 1";
 
 /// Protocol of a link: how a reader must interpret the bytes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Speech {
+pub(super) enum LinkProtocol {
     Lines,
     ModbusRtu,
     ModbusTcp,
@@ -38,7 +38,7 @@ pub(super) enum Speech {
     Samples,
 }
 
-impl Speech {
+impl LinkProtocol {
     pub(super) const ALL: [Self; 5] =
         [Self::Lines, Self::ModbusRtu, Self::ModbusTcp, Self::Files, Self::Samples];
 
@@ -91,11 +91,11 @@ impl Capture {
         out.failed.take().map_or_else(|| out.file.sync_all(), Err)
     }
 
-    pub(super) fn tap(&self, name: &str, speech: Speech) -> Tap {
+    pub(super) fn tap(&self, name: &str, speech: LinkProtocol) -> LinkRecorder {
         let mut out = self.out.lock().unwrap_or_else(PoisonError::into_inner);
         out.links += 1;
         let opening = format!("{} {name}", speech.name());
-        Tap { capture: self.clone(), link: out.links, opening }
+        LinkRecorder { capture: self.clone(), link: out.links, opening }
     }
 
     fn write(&self, link: u32, mark: char, text: impl fmt::Display) {
@@ -113,17 +113,17 @@ impl Capture {
 
 /// Recorder of one link.
 #[derive(Clone)]
-pub(super) struct Tap {
+pub(super) struct LinkRecorder {
     capture: Capture,
     link: u32,
     opening: String,
 }
 
-impl Tap {
+impl LinkRecorder {
     /// Wraps `stream`, so that its bytes are recorded.
-    pub(super) fn on<S: AsyncRead + AsyncWrite>(&self, stream: S) -> Tapped<S> {
+    pub(super) fn on<S: AsyncRead + AsyncWrite>(&self, stream: S) -> RecordedStream<S> {
         self.opened();
-        Tapped { stream: Box::pin(stream), tap: self.clone() }
+        RecordedStream { stream: Box::pin(stream), tap: self.clone() }
     }
 
     pub(super) fn opened(&self) {
@@ -137,12 +137,12 @@ impl Tap {
     }
 }
 
-pub(super) struct Tapped<S> {
+pub(super) struct RecordedStream<S> {
     stream: Pin<Box<S>>,
-    tap: Tap,
+    tap: LinkRecorder,
 }
 
-impl<S: AsyncRead> AsyncRead for Tapped<S> {
+impl<S: AsyncRead> AsyncRead for RecordedStream<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -155,7 +155,7 @@ impl<S: AsyncRead> AsyncRead for Tapped<S> {
     }
 }
 
-impl<S: AsyncWrite> AsyncWrite for Tapped<S> {
+impl<S: AsyncWrite> AsyncWrite for RecordedStream<S> {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,

@@ -11,7 +11,7 @@ use tokio::sync::{Mutex, broadcast, mpsc, oneshot};
 use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
-use super::capture::Speech;
+use super::capture::LinkProtocol;
 use super::owner::{Ends, Owner, Sink, start};
 use super::wiring::Wiring;
 
@@ -20,7 +20,7 @@ const KEPT: usize = 8192;
 
 /// Data from the stream.
 #[derive(Debug, Clone)]
-pub enum Came {
+pub enum StreamRead {
     /// Bytes of one read, and the time of the read.
     Bytes(Instant, Arc<[u8]>),
     /// Queue overflow: older bytes were dropped unread.
@@ -31,7 +31,7 @@ pub enum Came {
 type Heard = Result<(Instant, Arc<[u8]>), String>;
 
 /// Handle of a stream: receives and sends bytes.
-pub struct Flow {
+pub struct ByteStreamHandle {
     stream: Arc<SharedStream>,
     incoming: broadcast::Receiver<Heard>,
     lost: Option<String>,
@@ -58,14 +58,14 @@ pub(super) struct WeakFlow(Weak<SharedStream>);
 
 impl WeakFlow {
     /// Returns one more handle, which receives the bytes from now on; `None` if the stream is closed or lost.
-    pub(super) fn upgrade(&self) -> Option<Flow> {
+    pub(super) fn upgrade(&self) -> Option<ByteStreamHandle> {
         let stream = self.0.upgrade()?;
         let incoming = stream.reads.upgrade()?.subscribe();
-        Some(Flow { stream, incoming, lost: None })
+        Some(ByteStreamHandle { stream, incoming, lost: None })
     }
 }
 
-impl Flow {
+impl ByteStreamHandle {
     /// Wraps a stream inside this process; a task of the caller's runtime owns the stream.
     pub fn over(
         name: impl Into<String>,
@@ -84,7 +84,7 @@ impl Flow {
         let (flow, ends) = Self::ends(name);
         let (opened, result) = oneshot::channel();
         let fault = |source| LinkError::Open { address: flow.stream.name.clone(), source };
-        let wired = Wiring::current().of(&flow.stream.name, Speech::Lines);
+        let wired = Wiring::current().of(&flow.stream.name, LinkProtocol::Lines);
         start(ends, async move { wired.open(open).await }, opened).map_err(fault)?;
         result.await.map_err(|_| fault(io::Error::other("its thread has ended")))??;
         Ok(flow)
@@ -145,16 +145,19 @@ impl Flow {
     ///
     /// # Errors
     /// The link is lost.
-    pub async fn recv_deadline(&mut self, deadline: Instant) -> Result<Option<Came>, LinkError> {
+    pub async fn recv_deadline(
+        &mut self,
+        deadline: Instant,
+    ) -> Result<Option<StreamRead>, LinkError> {
         // The dropped future waits on a channel, not on the device.
         match timeout_at(deadline, self.incoming.recv()).await {
             Err(_) => Ok(None),
-            Ok(Ok(Ok((at, bytes)))) => Ok(Some(Came::Bytes(at, bytes))),
+            Ok(Ok(Ok((at, bytes)))) => Ok(Some(StreamRead::Bytes(at, bytes))),
             Ok(Ok(Err(why))) => {
                 self.lost = Some(why);
                 Err(self.gone())
             }
-            Ok(Err(RecvError::Lagged(_))) => Ok(Some(Came::Forgotten)),
+            Ok(Err(RecvError::Lagged(_))) => Ok(Some(StreamRead::Forgotten)),
             Ok(Err(RecvError::Closed)) => Err(self.gone()),
         }
     }
@@ -191,9 +194,9 @@ mod tests {
 
     use super::*;
 
-    async fn next(flow: &mut Flow) -> Option<Vec<u8>> {
+    async fn next(flow: &mut ByteStreamHandle) -> Option<Vec<u8>> {
         match flow.recv_deadline(Instant::now() + Duration::from_secs(5)).await.unwrap() {
-            Some(Came::Bytes(_, bytes)) => Some(bytes.to_vec()),
+            Some(StreamRead::Bytes(_, bytes)) => Some(bytes.to_vec()),
             _ => None,
         }
     }
@@ -201,7 +204,7 @@ mod tests {
     #[tokio::test]
     async fn what_nobody_reads_is_forgotten_and_the_newest_is_kept() {
         let (near, mut far) = tokio::io::duplex(64);
-        let mut flow = Flow::over("a sensor", near);
+        let mut flow = ByteStreamHandle::over("a sensor", near);
         for _ in 0..KEPT + 10 {
             far.write_all(b"old").await.unwrap();
             tokio::task::yield_now().await;
@@ -219,7 +222,7 @@ mod tests {
     #[tokio::test]
     async fn what_nobody_has_read_yet_is_forgotten_as_well() {
         let (near, mut far) = tokio::io::duplex(1 << 16);
-        let mut flow = Flow::over("a sensor", near);
+        let mut flow = ByteStreamHandle::over("a sensor", near);
         far.write_all(&[7; 20_000]).await.unwrap();
         flow.forget().await.unwrap();
         far.write_all(b"new").await.unwrap();
@@ -229,7 +232,7 @@ mod tests {
     #[tokio::test]
     async fn a_lost_one_says_why_even_when_all_is_forgotten() {
         let (near, mut far) = tokio::io::duplex(64);
-        let mut flow = Flow::over("a sensor", near);
+        let mut flow = ByteStreamHandle::over("a sensor", near);
         far.write_all(b"last words").await.unwrap();
         drop(far);
         flow.stream.outgoing.closed().await;

@@ -7,7 +7,7 @@ use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use super::capture::Speech;
+use super::capture::LinkProtocol;
 use super::wiring::{Wired, Wiring};
 
 /// Folder that both sides can access.
@@ -24,11 +24,11 @@ impl Folder {
     /// # Errors
     /// The folder cannot be created.
     pub fn open(path: &Path) -> io::Result<Self> {
-        let wired = Wiring::current().of(&path.display().to_string(), Speech::Files);
+        let wired = Wiring::current().of(&path.display().to_string(), LinkProtocol::Files);
         match &wired {
             Wired::Played(_) => {}
             Wired::Plain => fs::create_dir_all(path)?,
-            Wired::Tapped(tap) => {
+            Wired::RecordedStream(tap) => {
                 fs::create_dir_all(path)?;
                 tap.opened();
             }
@@ -49,7 +49,7 @@ impl Folder {
         let told = format!("{name}\n{text}");
         match &self.wired {
             Wired::Played(player) => return player.ask(told.as_bytes()).map(drop),
-            Wired::Tapped(tap) => tap.note('>', told.as_bytes()),
+            Wired::RecordedStream(tap) => tap.note('>', told.as_bytes()),
             Wired::Plain => {}
         }
         let fresh = self.at(&format!("{name}.new"));
@@ -85,7 +85,7 @@ impl Folder {
             Err(error) if error.kind() == ErrorKind::NotFound => None,
             Err(error) => return Err(error),
         };
-        if let Wired::Tapped(tap) = &self.wired {
+        if let Wired::RecordedStream(tap) = &self.wired {
             let mut seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
             if seen.get(name) != Some(&text) {
                 let told = text.as_ref().map_or(name.to_owned(), |text| format!("{name}\n{text}"));

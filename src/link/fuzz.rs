@@ -1,7 +1,7 @@
 //! Fuzz tests: arbitrary bytes, split at arbitrary positions.
 
 use super::Replay;
-use super::capture::Speech;
+use super::capture::LinkProtocol;
 use super::lines::{Assembler, Received};
 use testing::fuzz::fuzz;
 
@@ -44,7 +44,7 @@ fn the_capture_reader_bears_anything() {
         std::fs::write(&file, input).unwrap();
         match Replay::read(&file) {
             Ok(replay) => {
-                for speech in Speech::ALL {
+                for speech in LinkProtocol::ALL {
                     replay.player("a", speech).hear(&[b"$I\n?", input].concat());
                 }
                 input.len()

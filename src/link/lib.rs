@@ -29,7 +29,7 @@ mod wiring;
 pub use address::{Address, BY_ID, Pty, by_id, listen, open, pty};
 pub use capture::Capture;
 pub use clock::Clock;
-pub use flow::{Came, Flow, RequestTurn};
+pub use flow::{ByteStreamHandle, RequestTurn, StreamRead};
 pub use folder::Folder;
 pub use lines::Received;
 pub use named::{HostPort, Named, timeout};

@@ -9,7 +9,7 @@ use tokio::sync::Mutex;
 
 use super::flow::WeakFlow;
 use super::modbus::{Framing, Line, Modbus, ModbusError, Settings, WeakModbus};
-use super::{Address, Flow, LinkError, listen};
+use super::{Address, ByteStreamHandle, LinkError, listen};
 
 /// The open ports. A port is closed when its last handle is dropped; the next device that uses a lost port reopens
 /// it.
@@ -27,7 +27,7 @@ impl SharedPorts {
     ///
     /// # Errors
     /// The stream cannot be opened.
-    pub async fn listen(&self, address: &Address) -> Result<Flow, LinkError> {
+    pub async fn listen(&self, address: &Address) -> Result<ByteStreamHandle, LinkError> {
         let mut open = self.0.lock().await;
         let key = port_key(address);
         if let Some(flow) = open.flows.get(&key).and_then(WeakFlow::upgrade) {

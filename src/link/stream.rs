@@ -9,7 +9,7 @@ use tokio::sync::{mpsc, oneshot};
 use tokio::time::{Instant, timeout_at};
 
 use super::LinkError;
-use super::capture::Speech;
+use super::capture::LinkProtocol;
 use super::lines::{Assembler, Received};
 use super::owner::{Ahead, Ends, Sink, start};
 use super::wiring::Wiring;
@@ -52,7 +52,7 @@ impl Link {
     ) -> Self {
         let (link, ends) = Self::ends(name.into());
         let (opened, _) = oneshot::channel();
-        let wired = Wiring::current().of(&link.name, Speech::Lines);
+        let wired = Wiring::current().of(&link.name, LinkProtocol::Lines);
         // Without a thread, the ends are dropped, and the link is lost from the start.
         let _ = start(ends, async move { wired.open(async { Ok(stream) }).await }, opened);
         link
@@ -66,7 +66,7 @@ impl Link {
         let (link, ends) = Self::ends(name);
         let (opened, result) = oneshot::channel();
         let fault = |source| LinkError::Open { address: link.name.clone(), source };
-        let wired = Wiring::current().of(&link.name, Speech::Lines);
+        let wired = Wiring::current().of(&link.name, LinkProtocol::Lines);
         start(ends, async move { wired.open(open).await }, opened).map_err(fault)?;
         result.await.map_err(|_| fault(io::Error::other("its thread has ended")))??;
         Ok(link)

@@ -1,7 +1,7 @@
 //! Capture of devices that do not use a byte stream: the driver records requests and replies as lines of text.
 
 use super::LinkError;
-use super::capture::Speech;
+use super::capture::LinkProtocol;
 use super::wiring::{Wired, Wiring};
 
 /// Recorder of one device, or the replay that answers in its place.
@@ -18,8 +18,8 @@ impl Talk {
 
     /// Connects the device to `wiring`; `name` is the name of the device in the capture.
     pub fn over(wiring: &Wiring, name: &str) -> Self {
-        let wired = wiring.of(name, Speech::Samples);
-        if let Wired::Tapped(tap) = &wired {
+        let wired = wiring.of(name, LinkProtocol::Samples);
+        if let Wired::RecordedStream(tap) = &wired {
             tap.opened();
         }
         Self { name: name.to_owned(), wired }
@@ -41,7 +41,7 @@ impl Talk {
     }
 
     fn note(&self, mark: char, line: &str) {
-        if let Wired::Tapped(tap) = &self.wired {
+        if let Wired::RecordedStream(tap) = &self.wired {
             tap.note(mark, format!("{line}\n").as_bytes());
         }
     }

@@ -6,7 +6,7 @@ use std::pin::Pin;
 use tokio::io::{AsyncRead, AsyncWrite};
 
 use super::LinkError;
-use super::capture::{Capture, Speech, Tap};
+use super::capture::{Capture, LinkProtocol, LinkRecorder};
 use super::replay::{Player, Replay};
 
 pub(super) trait Stream: AsyncRead + AsyncWrite + Send {}
@@ -43,10 +43,10 @@ impl Wiring {
     }
 
     /// Wiring of the link `name`, which may be opened more than once.
-    pub(super) fn of(&self, name: &str, speech: Speech) -> Wired {
+    pub(super) fn of(&self, name: &str, speech: LinkProtocol) -> Wired {
         match self {
             Self::Plain => Wired::Plain,
-            Self::Captured(capture) => Wired::Tapped(capture.tap(name, speech)),
+            Self::Captured(capture) => Wired::RecordedStream(capture.tap(name, speech)),
             Self::Replayed(replay) => Wired::Played(replay.player(name, speech)),
         }
     }
@@ -55,7 +55,7 @@ impl Wiring {
 /// Wiring of one link.
 pub(super) enum Wired {
     Plain,
-    Tapped(Tap),
+    RecordedStream(LinkRecorder),
     Played(Player),
 }
 
@@ -67,7 +67,7 @@ impl Wired {
     ) -> Result<Boxed, LinkError> {
         Ok(match self {
             Self::Plain => Box::pin(open.await?),
-            Self::Tapped(tap) => Box::pin(tap.on(open.await?)),
+            Self::RecordedStream(tap) => Box::pin(tap.on(open.await?)),
             Self::Played(player) => Box::pin(player.stream()),
         })
     }

@@ -15,15 +15,15 @@ const LABEL: &str = "ask/";
 
 /// Returns `method` with a prompt for each of `texts` before its first stage.
 pub fn asking(method: Box<dyn Method>, texts: Vec<String>) -> Box<dyn Method> {
-    Box::new(Asking { method, texts })
+    Box::new(PromptedMethod { method, texts })
 }
 
-pub(super) struct Asking {
+pub(super) struct PromptedMethod {
     method: Box<dyn Method>,
     texts: Vec<String>,
 }
 
-impl Asking {
+impl PromptedMethod {
     /// Adds no prompts, but handles the prompts that a plan already has.
     pub(super) fn silent(method: Box<dyn Method>) -> Self {
         Self { method, texts: Vec::new() }
@@ -72,7 +72,7 @@ fn reading_without(reading: &Reading, count: u32) -> Reading {
     Reading { step: reading.step.saturating_sub(count), ..reading.clone() }
 }
 
-impl Method for Asking {
+impl Method for PromptedMethod {
     fn settings(&self) -> serde_json::Value {
         self.method.settings()
     }
@@ -197,7 +197,7 @@ mod tests {
     fn the_method_sees_nothing_of_what_is_asked() {
         let method = asking(Box::new(Toy), vec!["clean it".to_owned(), "cap off".to_owned()]);
         // A process that resumes the run gets the prompts from the plan alone.
-        let later = Asking::silent(Box::new(Toy));
+        let later = PromptedMethod::silent(Box::new(Toy));
         let (mut plan, mut done, mut readings) = (header(), Vec::new(), Vec::new());
         let method: [&dyn Method; 3] = [method.as_ref(), &later, &later];
         for method in method {

@@ -9,9 +9,9 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
-pub(super) struct Qualified(pub Box<dyn Method>);
+pub(super) struct ProbeMapMethod(pub Box<dyn Method>);
 
-impl Method for Qualified {
+impl Method for ProbeMapMethod {
     fn settings(&self) -> serde_json::Value {
         self.0.settings()
     }

@@ -4,9 +4,9 @@
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
-use crate::asking::Asking;
-use crate::qualified::Qualified;
-use crate::suspects::Suspecting;
+use crate::asking::PromptedMethod;
+use crate::qualified::ProbeMapMethod;
+use crate::suspects::OutlierRepeater;
 use crate::{Description, Method, Registered};
 
 macro_rules! registry {
@@ -62,7 +62,8 @@ pub fn configure<'de, D: Deserializer<'de>>(
         // Only the residuals of this copy are used, so the minimum number of trials suffices.
         *trials = crate::Refused::MIN_TRIALS.into();
     }
-    let quick = Qualified(by_name(name, settings).map_err(D::Error::custom)?);
-    let suspecting = Suspecting { method: Box::new(Qualified(method)), quick: Box::new(quick) };
-    Ok(Box::new(Asking::silent(Box::new(suspecting))))
+    let quick = ProbeMapMethod(by_name(name, settings).map_err(D::Error::custom)?);
+    let suspecting =
+        OutlierRepeater { method: Box::new(ProbeMapMethod(method)), quick: Box::new(quick) };
+    Ok(Box::new(PromptedMethod::silent(Box::new(suspecting))))
 }

@@ -12,7 +12,7 @@ use machine::record::sensor::Sensor;
 /// Maximum number of repeated measurements of one step.
 const MOST: usize = 2;
 
-pub(super) struct Suspecting {
+pub(super) struct OutlierRepeater {
     pub method: Box<dyn Method>,
     /// The same method with the minimum number of Monte Carlo trials.
     pub quick: Box<dyn Method>,
@@ -56,7 +56,7 @@ fn of_outlier<'p>(plan: &'p Plan, outlier: &Outlier) -> impl Iterator<Item = &'p
     plan.steps.iter().filter(move |step| labels.iter().any(|label| belongs(step, label)))
 }
 
-impl Suspecting {
+impl OutlierRepeater {
     /// The stage that repeats the suspects of the earliest stage that has any. They are of one stage because
     /// the proof of a repeated stage uses what was known when that stage was planned.
     fn again(&self, plan: &Plan, done: &[Stage], readings: &[Reading]) -> Option<Stage> {
@@ -121,7 +121,7 @@ impl Suspecting {
     }
 }
 
-impl Method for Suspecting {
+impl Method for OutlierRepeater {
     fn settings(&self) -> serde_json::Value {
         self.method.settings()
     }

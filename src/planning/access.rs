@@ -86,7 +86,7 @@ pub enum Unreachable {
 
 /// Start and end of a touch along the normal, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Stand {
+pub(super) struct TouchExtent {
     pub out: f64,
     /// Distance beyond the expected contact at which the touch ends.
     pub beyond: f64,
@@ -123,7 +123,7 @@ impl Access {
         &self,
         ball: &Ball,
         rotary: &Position,
-        stand: Stand,
+        stand: TouchExtent,
         touches: usize,
     ) -> Result<Vec<Contact>, Unreachable> {
         self.check_rotary(rotary)?;
@@ -171,7 +171,7 @@ impl Access {
         &self,
         ball: &Ball,
         rotary: &Position,
-        stand: Stand,
+        stand: TouchExtent,
         directions: &[[f64; 2]],
     ) -> Result<Vec<Contact>, Unreachable> {
         self.check_rotary(rotary)?;
@@ -237,7 +237,7 @@ impl Access {
         ball: &Ball,
         rotary: &Position,
         contact: &Contact,
-        stand: Stand,
+        stand: TouchExtent,
     ) -> Result<(), Unreachable> {
         let reach = self.reach(ball);
         let place = |far| self.position(ball, rotary, contact.normal, reach + far);

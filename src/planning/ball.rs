@@ -1,7 +1,7 @@
 //! Steps of a ball measurement, reusable by every method: four touches round the ball and one at its pole, seen
 //! along the spindle (paper 4, section 3), or more for a check of form.
 
-use super::access::{Access, Contact, Stand, Unreachable};
+use super::access::{Access, Contact, TouchExtent, Unreachable};
 use machine::record::artefact::Ball;
 use machine::record::machine::Probe;
 use machine::record::plan::{Step, StepKind};
@@ -43,13 +43,13 @@ impl Approach {
         }
     }
 
-    fn stand(self) -> Stand {
+    fn stand(self) -> TouchExtent {
         let loose = match self {
             Self::Find { uncertainty_mm, .. } => uncertainty_mm,
             Self::Slow { search_mm, .. } => search_mm,
         };
         let (out, beyond) = self.ends();
-        Stand { out, beyond, loose }
+        TouchExtent { out, beyond, loose }
     }
 
     fn feed_mm_min(self, probe: &Probe) -> f64 {

@@ -26,7 +26,7 @@ const CORNERS: u32 = 8;
 const SHARE: f64 = 0.9;
 
 /// Parameters of an approach before the position is confirmed.
-pub(super) struct Careful<'a> {
+pub(super) struct UnconfirmedApproach<'a> {
     plan: &'a Plan,
     about: &'a Surroundings,
     /// The upper end of Z, mm.
@@ -41,7 +41,7 @@ pub(super) struct Careful<'a> {
     first: bool,
 }
 
-impl<'a> Careful<'a> {
+impl<'a> UnconfirmedApproach<'a> {
     pub fn new(plan: &'a Plan, clearance: &'a Clearance, low_z: f64, confirmed: Confirmed) -> Self {
         let (about, top_z) = (&clearance.about, clearance.top_z);
         let (near_feed, guarded) = (near_feed(plan, confirmed), plan.sensors.is_empty());

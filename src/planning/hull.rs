@@ -13,7 +13,7 @@ const ENDLESS: f64 = 2000.0;
 /// Space that a part of the tool occupies on a straight path: an upright cylinder without an upper end. If a body
 /// is clear of it, it is also clear of the straight descent to the path, and of any higher path.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Upright {
+pub(super) struct ToolSweep {
     /// Centres of the lower end, at the start and the end of the path.
     pub way: [Vector3<f64>; 2],
     pub radius: f64,
@@ -97,7 +97,7 @@ impl Support for Body {
     }
 }
 
-impl Support for Upright {
+impl Support for ToolSweep {
     fn support(&self, direction: Vector3<f64>) -> Vector3<f64> {
         let out = unit_vector(Vector3::new(direction.x, direction.y, 0.0)).unwrap_or_default();
         let up = if direction.z > 0.0 { ENDLESS } else { 0.0 };
@@ -106,7 +106,7 @@ impl Support for Upright {
 }
 
 /// Whether the two are at least `distance` apart; false if this cannot be shown.
-pub(super) fn apart_by(tool: &Upright, body: &Body, distance: f64) -> bool {
+pub(super) fn apart_by(tool: &ToolSweep, body: &Body, distance: f64) -> bool {
     directions(tool, body, -Vector3::z(), f64::MAX)
         .into_iter()
         .any(|direction| gap_across(tool, body, direction) >= distance)

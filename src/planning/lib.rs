@@ -34,7 +34,7 @@ pub use clearance::Clearance;
 pub use confirmed::{Confirmed, Start};
 pub use error::PlanningError;
 pub use measured::{BallDoubt, BallLimits, MeasuredBall, measured_ball};
-pub use order::Ways;
+pub use order::TravelTimes;
 pub use scan::{blocks_out_of_range, step_blocks};
 pub use time::{MachineTime, machine_time_s};
 pub use touch::touch_block;

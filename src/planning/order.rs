@@ -10,14 +10,14 @@ use machine::{Axis, Position};
 
 /// Times of the moves between places, s.
 #[derive(Debug, Clone)]
-pub struct Ways {
+pub struct TravelTimes {
     /// Time from each place to each.
     pub between: Vec<Vec<f64>>,
     /// Time to each place from the position of the machine; `None`: the tour may begin at any place.
     pub from_stand: Option<Vec<f64>>,
 }
 
-impl Ways {
+impl TravelTimes {
     /// Times between axis positions, for X and Y alone.
     pub fn in_xy(places: &[Position], stands: Option<&Position>, machine: &Machine) -> Self {
         let way = |from: &Position, to: &Position| {

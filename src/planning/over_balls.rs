@@ -7,7 +7,7 @@
 //! - From an unknown position: by way of the upper end of Z, one axis group after the other. Until touches have
 //!   confirmed the position of the machine, every path has this form, and is careful ([`super::careful`]).
 
-use super::careful::Careful;
+use super::careful::UnconfirmedApproach;
 use super::clearance::{LIFT, MARGIN};
 use super::path::{Path, height};
 use super::{Clearance, PlanningError, Start, round};
@@ -41,7 +41,7 @@ pub(super) fn approach(
     let high = way.z_above(&step.from, MARGIN);
     let above = || height(way.z_above(&step.from, LIFT));
     if !start.confirmed.is_all() {
-        Careful::new(plan, clearance, high, start.confirmed).over(path, &step.from);
+        UnconfirmedApproach::new(plan, clearance, high, start.confirmed).over(path, &step.from);
         return Ok(above());
     }
     let known = |axis: Axis| axis == Axis::S || path.stands.get(axis).is_some();

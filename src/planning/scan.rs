@@ -1,7 +1,7 @@
 //! Motions of one scan. A scan touches nothing, so its moves are not guarded; the proof checks that all of it keeps
 //! its distance.
 
-use super::careful::{Careful, is_in_nest, near_feed, nest_feed};
+use super::careful::{UnconfirmedApproach, is_in_nest, near_feed, nest_feed};
 use super::clearance::LIFT;
 use super::path::{Path, height};
 use super::surroundings::Near;
@@ -60,8 +60,8 @@ fn scan_blocks(
     } else {
         let low_z = low_z(step, &path, clearance)?;
         let careful = match in_nest {
-            true => Careful::to_nest(plan, clearance, low_z),
-            false => Careful::new(plan, clearance, low_z, start.confirmed),
+            true => UnconfirmedApproach::to_nest(plan, clearance, low_z),
+            false => UnconfirmedApproach::new(plan, clearance, low_z, start.confirmed),
         };
         careful.up(&mut path, &step.from);
         blocks.push(std::mem::take(&mut path.motions));

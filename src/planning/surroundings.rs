@@ -10,7 +10,7 @@ use super::hull::Body;
 use super::tool::{Element, range, tool};
 use machine::artefact;
 use machine::frame::{Point, Pose, Spindle};
-use machine::kinematics::{Carried, Chain, Side};
+use machine::kinematics::{CarrierChain, Chain, Side};
 use machine::record::artefact::Artefact;
 use machine::record::machine::Carrier;
 use machine::record::plan::Plan;
@@ -41,7 +41,7 @@ pub(super) struct Surroundings {
     ranges: Vec<Element>,
     pub obstacles: Vec<Obstacle>,
     /// Carriers of the obstacles.
-    carriers: Vec<Carried>,
+    carriers: Vec<CarrierChain>,
     /// For each sensor on the table, the line from one end of its range to the other.
     measuring_lines: Vec<Obstacle>,
     pub ball_radius: f64,
@@ -289,7 +289,7 @@ fn z_command(
 }
 
 /// Index of a carrier in the list; a new carrier is appended.
-fn number_of(carriers: &mut Vec<Carried>, carried: Carried) -> usize {
+fn number_of(carriers: &mut Vec<CarrierChain>, carried: CarrierChain) -> usize {
     let known = carriers.iter().position(|known| known.moves_as(&carried));
     known.unwrap_or_else(|| {
         carriers.push(carried);

@@ -6,7 +6,7 @@ use std::sync::LazyLock;
 use nalgebra::{Vector2, Vector3};
 
 use super::gjk::Support;
-use super::hull::{Body, Upright, apart_by};
+use super::hull::{Body, ToolSweep, apart_by};
 use machine::Axis;
 use machine::record::machine::{Carrier, Solid};
 use machine::record::plan::Plan;
@@ -35,8 +35,11 @@ pub(super) struct Element {
 
 impl Element {
     /// Space of the part on a path of the stylus ball that is raised by `rise`.
-    fn on(&self, way: [Vector3<f64>; 2], rise: f64) -> Upright {
-        Upright { way: way.map(|at| at + Vector3::z() * (self.bottom + rise)), radius: self.radius }
+    fn on(&self, way: [Vector3<f64>; 2], rise: f64) -> ToolSweep {
+        ToolSweep {
+            way: way.map(|at| at + Vector3::z() * (self.bottom + rise)),
+            radius: self.radius,
+        }
     }
 
     /// Fast check: false if the part passes above the body or beside it.

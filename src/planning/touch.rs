@@ -1,6 +1,6 @@
 //! One touch as a safe sequence of motions.
 
-use super::careful::{Careful, near_feed};
+use super::careful::{UnconfirmedApproach, near_feed};
 use super::confirmed::Start;
 use super::path::{Path, SAME, height};
 use super::{Clearance, PlanningError, limits, over_balls};
@@ -63,7 +63,7 @@ fn over_the_part(
     let (from, to) = (&step.from, &step.to);
     let safe_z = safe_z.max(from.at(Axis::Z)).max(to.at(Axis::Z));
     if !start.confirmed.is_all() {
-        Careful::new(plan, clearance, safe_z, start.confirmed).over(path, from);
+        UnconfirmedApproach::new(plan, clearance, safe_z, start.confirmed).over(path, from);
         return height(safe_z);
     }
     match path.stands.get(Axis::Z) {

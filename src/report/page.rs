@@ -6,7 +6,7 @@ use super::captions::{drawing, figures, symbol};
 use super::rows::Rows;
 use super::{ErrorMap, figure, number, planned, proven, related, vectors};
 use machine::record::estimate::{
-    BudgetLine, Distribution, Estimate, EvaluationType, Judgement, Parameter, Verdict,
+    BudgetLine, Distribution, Estimate, EvaluationType, LimitVerdict, Parameter, Verdict,
 };
 use machine::record::plan::Plan;
 use machine::record::proof::Proof;
@@ -129,7 +129,7 @@ fn degrees_of_freedom(dof: Option<f64>) -> String {
     dof.map_or("∞".to_owned(), |dof| number::fixed(dof, 1))
 }
 
-fn judged(Judgement { limit, verdict, conformance }: Judgement) -> Value {
+fn judged(LimitVerdict { limit, verdict, conformance }: LimitVerdict) -> Value {
     context! {
         limit => number::fixed(limit, 1),
         verdict => verdict.to_string(),

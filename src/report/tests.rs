@@ -153,7 +153,7 @@ fn what_failed_is_named() {
     estimate.decision_rule = Some("guard bands".to_owned());
     let symbol = estimate.parameters[1].symbol.clone();
     estimate.parameters[1].judged =
-        Some(Judgement { limit: 12.5, verdict: Verdict::Fail, conformance: Some(0.0213) });
+        Some(LimitVerdict { limit: 12.5, verdict: Verdict::Fail, conformance: Some(0.0213) });
     let failed = page(&estimate);
     assert!(failed.contains(&format!("uncertainty included: {symbol}</p>")), "{symbol}");
     for words in

@@ -6,9 +6,9 @@ use jiff::Timestamp;
 
 use super::asking::answered;
 use super::identify::stored_setup;
-use super::{Answers, CycleError, Interrupted, Run, can_resume, conclude};
+use super::{CycleError, Interrupted, PromptAnswers, Run, can_resume, conclude};
 use crate::archive::story;
-use crate::setup::{Devices, MachineFile, Past, SetupError};
+use crate::setup::{Devices, MachineFile, RunHistory, SetupError};
 use crate::store::{Journal, RunId, RunState, StoredRun};
 use machine::record::estimate::Estimate;
 use machine::record::event::Event;
@@ -16,7 +16,7 @@ use machine::record::plan::ArtefactMount;
 use methods::Method;
 
 /// An unfinished run with the machine file and the method with which it was started.
-pub struct Again {
+pub struct ResumableRun {
     pub machine: MachineFile,
     method: Arc<dyn Method>,
     stored: StoredRun,
@@ -51,7 +51,7 @@ pub enum AgainError {
     Setup(#[from] SetupError),
 }
 
-impl Again {
+impl ResumableRun {
     /// # Errors
     /// The run is not unfinished, or its machine file or its settings belong to another version.
     pub fn of(stored: StoredRun) -> Result<Self, AgainError> {
@@ -75,9 +75,9 @@ impl Again {
     }
 
     /// State from which a simulated machine continues.
-    pub fn past(&self) -> Past<'_> {
+    pub fn past(&self) -> RunHistory<'_> {
         let Self { stored, mounts, elapsed_s, .. } = self;
-        Past { readings: &stored.readings, mounts, elapsed_s: *elapsed_s }
+        RunHistory { readings: &stored.readings, mounts, elapsed_s: *elapsed_s }
     }
 
     /// The operator's acknowledgement that the machine may move. It is journaled before any motion.
@@ -106,7 +106,7 @@ impl Again {
         self,
         devices: &Devices,
         journal: &Journal,
-        answers: Answers,
+        answers: PromptAnswers,
         tell: &mut dyn FnMut(&Event),
     ) -> Result<(RunId, Estimate), CycleError> {
         let Self { machine, method, stored, answered, elapsed_s, .. } = self;

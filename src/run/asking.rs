@@ -33,9 +33,9 @@ type Look = dyn Fn(&Asked) -> Option<String> + Send + Sync;
 
 /// Source of the answers to prompts. Cloneable.
 #[derive(Clone)]
-pub struct Answers(Option<Arc<Look>>);
+pub struct PromptAnswers(Option<Arc<Look>>);
 
-impl Answers {
+impl PromptAnswers {
     /// `look` is polled while the run waits and must not block. It returns the name of the person who has
     /// confirmed the prompt, or `None` before that.
     pub fn new(look: impl Fn(&Asked) -> Option<String> + Send + Sync + 'static) -> Self {

@@ -6,7 +6,7 @@ use jiff::Timestamp;
 
 use super::identify::{Unidentified, identify, judged, store_identification};
 use super::qualified::{Unqualified, qualified};
-use super::{Answers, Run, RunError};
+use super::{PromptAnswers, Run, RunError};
 use crate::setup::{Devices, MachineFile};
 use crate::store::{Journal, NewRun, RunId, StoreError};
 use machine::record::estimate::{Estimate, Limit};
@@ -60,7 +60,7 @@ pub struct Cycle<'a> {
     /// Plan with machine, probe and priors, but without steps.
     pub plan: Plan,
     /// Source of the answers to prompts.
-    pub answers: Answers,
+    pub answers: PromptAnswers,
 }
 
 impl Cycle<'_> {

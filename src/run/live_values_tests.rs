@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use super::live_values::located;
 use super::*;
-use crate::setup::{self, MachineFile, Pace, Past};
+use crate::setup::{self, MachineFile, Pace, RunHistory};
 use crate::store::NewRun;
 use machine::record::watch::{LiveSensor, LiveValues, SectionSensor, WatchedSensor};
 
@@ -78,7 +78,7 @@ async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing()
     let (method, plan) = setup::header(&file, "multiprobe", None).unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin(&new).await.unwrap();
-    let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
+    let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
 
     let (mut told, mut kept, mut seen) = (Vec::<LiveValues>::new(), Vec::new(), Vec::new());
     let (is_done, is_answered) = (Arc::new(AtomicBool::new(false)), AtomicBool::new(false));
@@ -98,7 +98,7 @@ async fn a_sensor_that_fails_while_a_person_is_asked_is_shown_and_ends_nothing()
     };
     let answers = {
         let is_done = is_done.clone();
-        Answers::new(move |_| is_done.load(Ordering::SeqCst).then(|| "Ada".to_owned()))
+        PromptAnswers::new(move |_| is_done.load(Ordering::SeqCst).then(|| "Ada".to_owned()))
     };
     let run = Run::new(id, method.as_ref(), &devices, &journal, plan, &mut tell);
     let ended = run.asking(answers).execute().await;

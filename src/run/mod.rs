@@ -30,8 +30,8 @@ mod timeline;
 mod warmth;
 mod watched_sensors;
 
-pub use again::{Again, AgainError, Question, question};
-pub use asking::{Answers, Asked};
+pub use again::{AgainError, Question, ResumableRun, question};
+pub use asking::{Asked, PromptAnswers};
 pub use behind::{ANSWERING, behind};
 pub use cycle::{Cycle, CycleError, conclude};
 pub use error::RunError;
@@ -45,7 +45,7 @@ pub use stage::{Rehearsed, rehearse};
 use self::ahead::Ahead;
 use self::asking::first_question;
 use self::timeline::Timeline;
-use self::warmth::Warmth;
+use self::warmth::TemperatureLog;
 use crate::setup::{Devices, Mounted};
 use crate::store::{Journal, RunId, RunState};
 use devices::controllers::describe_not_readable;
@@ -78,9 +78,9 @@ pub struct Run<'a> {
     /// Open sensors of the plan.
     looking: Vec<Mounted>,
     /// Source of the answers to prompts, and the answered prompts as (step, repeat).
-    answers: Answers,
+    answers: PromptAnswers,
     answered: Vec<(u32, u32)>,
-    warmth: Warmth,
+    warmth: TemperatureLog,
     ahead: Ahead,
     /// Whether the operator, a touch or a sensor has shown since the last preparation that the probe works.
     probe_lives: bool,
@@ -111,9 +111,9 @@ impl<'a> Run<'a> {
             transmission: Transmission::Rows,
             timeline: Timeline::new(),
             looking: Vec::new(),
-            answers: Answers::nobody(),
+            answers: PromptAnswers::nobody(),
             answered: Vec::new(),
-            warmth: Warmth::default(),
+            warmth: TemperatureLog::default(),
             ahead: Ahead::default(),
             probe_lives: false,
             tell,
@@ -121,7 +121,7 @@ impl<'a> Run<'a> {
     }
 
     /// Sets the source of the answers to prompts.
-    pub fn asking(self, answers: Answers) -> Self {
+    pub fn asking(self, answers: PromptAnswers) -> Self {
         Self { answers, ..self }
     }
 

@@ -10,14 +10,14 @@ use machine::record::event::Event;
 use machine::record::reading::Temperatures;
 
 #[derive(Default)]
-pub(super) struct Warmth {
+pub(super) struct TemperatureLog {
     watch: Option<Watch>,
     readings: u32,
     /// Number of readings without a temperature, for each thermometer.
     missed: BTreeMap<String, u32>,
 }
 
-impl Warmth {
+impl TemperatureLog {
     /// Starts the reading of the thermometers; waits for the first value of each that answers.
     pub async fn begin(&mut self, thermometers: &Thermometers) {
         let watch = thermometers.watch();
@@ -59,7 +59,7 @@ impl Run<'_> {
 
     /// Reports how many readings each thermometer has missed, if any: it may have answered again later.
     pub(super) async fn tell_of_thermometers(&mut self) -> Result<(), RunError> {
-        let Warmth { readings, missed, .. } = &self.warmth;
+        let TemperatureLog { readings, missed, .. } = &self.warmth;
         let told = missed.iter().map(|(name, count)| {
             format!("thermometer {name}: {count} of {readings} readings are without it")
         });

@@ -17,7 +17,7 @@ use super::machine_state::{Interlocks, MachineState, Refusal, State};
 use super::metrics::Tally;
 use super::schedule_state::ScheduleState;
 use super::worker_command::{Answer, Inspection, Stopped, WorkerCommand};
-use crate::run::{Answers, Asked, Rehearsed};
+use crate::run::{Asked, PromptAnswers, Rehearsed};
 use crate::store::RunId;
 use devices::controllers::Halt;
 use machine::record::estimate::Estimate;
@@ -271,9 +271,9 @@ impl CommandGate {
 
     /// Source of the answers for the run. Each poll beats the heartbeat with `patience`, so that a run that waits
     /// for a person does not count as hung.
-    pub(super) fn answers(&self, patience: Duration) -> Answers {
+    pub(super) fn answers(&self, patience: Duration) -> PromptAnswers {
         let gate = self.clone();
-        Answers::new(move |asked| {
+        PromptAnswers::new(move |asked| {
             gate.heartbeat.beat(patience);
             let given = gate.inner().answer.take_if(|(to, _)| to == asked);
             given.map(|(_, who)| who)

@@ -9,7 +9,7 @@ use super::machine_state::{Refusal, State};
 use super::run_events::Progress;
 use super::worker::MachineWorker;
 use super::worker_command::Acknowledgement;
-use crate::run::{Again, AgainError};
+use crate::run::{AgainError, ResumableRun};
 use crate::setup;
 use crate::store::{Journal, RunId};
 use machine::record::estimate::Estimate;
@@ -21,7 +21,7 @@ enum ResumeError {
     #[error(transparent)]
     Serve(#[from] ServeError),
     #[error(transparent)]
-    Again(#[from] AgainError),
+    ResumableRun(#[from] AgainError),
 }
 
 impl MachineWorker {
@@ -32,7 +32,7 @@ impl MachineWorker {
         run: RunId,
         acknowledgement: Acknowledgement,
         journal: &Journal,
-    ) -> Option<Again> {
+    ) -> Option<ResumableRun> {
         let Acknowledgement { who, homed, answer, .. } = acknowledgement;
         match self.let_go_on(run, (&who, homed), journal).await {
             Ok(again) => {
@@ -42,7 +42,7 @@ impl MachineWorker {
             Err(error) => {
                 let why = match error {
                     ResumeError::Serve(ServeError::Lock(_)) => Refusal::Elsewhere,
-                    ResumeError::Again(AgainError::NotHomed(_)) => Refusal::PositionLost,
+                    ResumeError::ResumableRun(AgainError::NotHomed(_)) => Refusal::PositionLost,
                     _ => Refusal::NotReady,
                 };
                 self.gate.refuse(why, &format!("resume of run {run} by {who} ({error})"));
@@ -59,12 +59,12 @@ impl MachineWorker {
         run: RunId,
         (who, homed): (&str, bool),
         journal: &Journal,
-    ) -> Result<Again, ResumeError> {
+    ) -> Result<ResumableRun, ResumeError> {
         if self.lock.is_none() {
             self.lock = Some(self.acquire_lock(journal).await?);
         }
         // Another process may have resumed the run meanwhile: the journal's current content decides.
-        let again = Again::of(journal.load(run).map_err(ServeError::from)?)?;
+        let again = ResumableRun::of(journal.load(run).map_err(ServeError::from)?)?;
         let acknowledged = again.acknowledged(who, homed)?;
         journal.event(run, &acknowledged).await.map_err(ServeError::from)?;
         Ok(again)
@@ -72,7 +72,7 @@ impl MachineWorker {
 
     pub(super) async fn measured_again(
         &self,
-        again: Again,
+        again: ResumableRun,
         journal: &Journal,
     ) -> Result<(RunId, Estimate), CycleFailure> {
         let opening = setup::devices(&again.machine, self.pace, again.past());

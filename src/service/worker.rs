@@ -23,7 +23,7 @@ use super::run_events::Progress;
 use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::run::{self, CycleError, Unidentified};
-use crate::setup::{self, Devices, MachineFile, Pace, Past, SetupError};
+use crate::setup::{self, Devices, MachineFile, Pace, RunHistory, SetupError};
 use crate::store::{Journal, MachineLock, RunId, StoreError, sha256_text};
 use link::Wiring;
 use machine::record::estimate::Estimate;
@@ -308,7 +308,7 @@ impl MachineWorker {
             return Err(SetupError::NoSuchMethod { name: format!("cycle {number}") }.into());
         };
         let (method, plan) = setup::header(&self.machine, method, *repeat)?;
-        let opening = setup::devices(&self.machine, self.pace, Past::default());
+        let opening = setup::devices(&self.machine, self.pace, RunHistory::default());
         let (devices, capture) = self.open(opening).await?;
         let mut progress = Progress { whole_s: 0.0, percent: 0 };
         let mut tell = |event: &Event| self.handle_event(event, &mut progress);

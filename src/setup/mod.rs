@@ -17,7 +17,7 @@ mod world;
 
 use std::path::Path;
 
-pub use self::devices::{Devices, Past, dialect, modes};
+pub use self::devices::{Devices, RunHistory, dialect, modes};
 pub use built_in::{BuiltIn, built_in};
 pub use controls::configure;
 pub use draft::Draft;

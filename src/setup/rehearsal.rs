@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use super::machine_file::{Control, MachineFile};
 use super::simulated::{Bench, Served, SimulatedControl};
-use super::{Devices, Pace, Past, SetupError, modes, world};
+use super::{Devices, Pace, RunHistory, SetupError, modes, world};
 
 use planning::gcode::Dialect;
 use simulator::faulty_wire::{BadWire, Planned};
-use simulator::{Bystander, World};
+use simulator::{SimulatedOperator, World};
 
 pub struct Rehearsal<'a> {
     file: &'a MachineFile,
@@ -31,7 +31,7 @@ impl<'a> Rehearsal<'a> {
     }
 
     /// Advances the world to the time after `past`, with its mountings.
-    pub(super) fn after(&self, past: Past<'_>) {
+    pub(super) fn after(&self, past: RunHistory<'_>) {
         let mut world = self.world.lock().unwrap_or_else(PoisonError::into_inner);
         past.mounts.iter().for_each(|mount| world.mount(mount.turn_deg));
         if let Some(last) = past.readings.last() {
@@ -75,8 +75,8 @@ impl<'a> Rehearsal<'a> {
     }
 
     /// The simulated operator, who observes the true motion.
-    pub fn bystander(&self) -> Bystander {
-        Bystander::new(self.world.clone())
+    pub fn bystander(&self) -> SimulatedOperator {
+        SimulatedOperator::new(self.world.clone())
     }
 
     fn bench(&self, pace: Pace) -> Result<Bench<'a>, SetupError> {

@@ -4,11 +4,11 @@
 use std::sync::Arc;
 
 use super::machine_file::{Control, MachineFile};
-use super::{Devices, Pace, Past, Rehearsal, SetupError, dialect, modes};
+use super::{Devices, Pace, Rehearsal, RunHistory, SetupError, dialect, modes};
 use devices::controllers::Named;
 use link::Clock;
 use link::clock::HostClock;
-use simulator::Bystander;
+use simulator::SimulatedOperator;
 
 pub struct Site<'a> {
     file: &'a MachineFile,
@@ -34,7 +34,7 @@ impl<'a> Site<'a> {
     }
 
     /// Advances a simulated machine to the time after `past`.
-    pub(super) fn after(self, past: Past<'_>) -> Self {
+    pub(super) fn after(self, past: RunHistory<'_>) -> Self {
         if let Behind::Simulated(rehearsal) = &self.machine {
             rehearsal.after(past);
         }
@@ -62,7 +62,7 @@ impl<'a> Site<'a> {
     }
 
     /// The simulated operator of a simulated machine; `None` for a real one.
-    pub fn bystander(&self) -> Option<Bystander> {
+    pub fn bystander(&self) -> Option<SimulatedOperator> {
         match &self.machine {
             Behind::Simulated(rehearsal) => Some(rehearsal.bystander()),
             Behind::Real(_) => None,
@@ -74,7 +74,7 @@ impl<'a> Site<'a> {
 pub async fn devices(
     file: &MachineFile,
     pace: Pace,
-    past: Past<'_>,
+    past: RunHistory<'_>,
 ) -> Result<Devices, SetupError> {
     Site::new(file)?.after(past).open(pace).await
 }

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use devices::sensors::thermometer::{self, Entry, Feel, ThermometerError, Watch};
+use devices::sensors::thermometer::{self, Entry, SimulatedTemperature, ThermometerError, Watch};
 use link::Wiring;
 use simulator::World;
 
@@ -29,7 +29,7 @@ impl Thermometers {
         thermometer::once(&self.entries, |name| self.feel(name)).await
     }
 
-    fn feel(&self, name: &str) -> Option<Feel> {
+    fn feel(&self, name: &str) -> Option<SimulatedTemperature> {
         let (world, name) = (self.world.clone()?, name.to_owned());
         Some(Box::new(move || {
             world.lock().unwrap_or_else(PoisonError::into_inner).temperature_c(&name)

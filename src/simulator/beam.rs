@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::WorldError;
 use super::drawn;
 use super::sensor_truth::{SensorTruth, Wave};
-use super::sight::{Hit, Sight};
+use super::sight::{Hit, SensorView};
 use machine::frame::unit_vector;
 use machine::record::sensor::Sensor;
 
@@ -83,7 +83,7 @@ impl Beam {
     }
 
     /// Output for one sample. `deviate`: noise in standard deviations.
-    pub fn says(&self, sight: &Sight<'_>, deviate: f64) -> Sensed {
+    pub fn says(&self, sight: &SensorView<'_>, deviate: f64) -> Sensed {
         let Some(hit) = self.spot(sight) else { return Sensed::NoEcho };
         let facing = -hit.normal.dot(&self.along);
         if facing < self.truth.echo_limit_deg.to_radians().cos() {
@@ -103,7 +103,7 @@ impl Beam {
     }
 
     /// Mean distance over the light spot, and the surface normal at the centre of the spot.
-    fn spot(&self, sight: &Sight<'_>) -> Option<Hit> {
+    fn spot(&self, sight: &SensorView<'_>) -> Option<Hit> {
         let first = |from: Vector3<f64>| sight.first(self.zero + from, self.along, self.reach);
         let middle = first(Vector3::zeros())?;
         if self.truth.spot_mm == 0.0 {

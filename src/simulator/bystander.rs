@@ -12,13 +12,13 @@ const VISIBLE: f64 = 0.05;
 /// Resolution of a distance that the operator judges by eye, mm or degrees.
 const BY_EYE: f64 = 0.1;
 
-pub struct Bystander {
+pub struct SimulatedOperator {
     world: Arc<Mutex<World>>,
     /// True position at which a jog was allowed.
     before: Position,
 }
 
-impl Bystander {
+impl SimulatedOperator {
     pub fn new(world: Arc<Mutex<World>>) -> Self {
         Self { world, before: Position::new() }
     }

@@ -24,7 +24,7 @@ pub enum Direction {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Harm {
+pub enum WireFault {
     /// Transmission stops for a while; nothing is lost.
     Delay(Duration),
     /// As `Delay`, but short and in the middle of a line.
@@ -50,7 +50,7 @@ pub struct Planned {
     pub direction: Direction,
     pub line: u64,
     pub byte: u64,
-    pub harm: Harm,
+    pub harm: WireFault,
 }
 
 /// Parameters of a bad wire.
@@ -80,15 +80,15 @@ impl BadWire {
             let byte = draw.random_range(0..FARTHEST);
             let pause = wire.longest_delay.mul_f64(draw.random::<f64>());
             let harm = match draw.random_range(0..17) {
-                0 | 1 => Harm::Delay(pause),
-                2 | 3 => Harm::Split(pause / 20),
-                4 | 5 => Harm::DropByte,
-                6 | 7 => Harm::DropLine,
-                8 | 9 => Harm::DoubleByte,
-                10 | 11 => Harm::DoubleLine,
-                12..15 => Harm::Flip { bit: draw.random_range(0..8) },
-                15 => Harm::Stall,
-                _ => Harm::Cut,
+                0 | 1 => WireFault::Delay(pause),
+                2 | 3 => WireFault::Split(pause / 20),
+                4 | 5 => WireFault::DropByte,
+                6 | 7 => WireFault::DropLine,
+                8 | 9 => WireFault::DoubleByte,
+                10 | 11 => WireFault::DoubleLine,
+                12..15 => WireFault::Flip { bit: draw.random_range(0..8) },
+                15 => WireFault::Stall,
+                _ => WireFault::Cut,
             };
             Planned { direction, line, byte, harm }
         })
@@ -151,12 +151,12 @@ impl<'t, P: Iterator<Item = Planned>> Side<'t, P> {
             for byte in &buffer[..count] {
                 let harm = self.due(*byte);
                 match harm {
-                    Some(Harm::Delay(pause) | Harm::Split(pause)) => {
+                    Some(WireFault::Delay(pause) | WireFault::Split(pause)) => {
                         to.write_all(&std::mem::take(&mut out)).await?;
                         sleep(pause).await;
                     }
-                    Some(Harm::Cut) => return to.write_all(&out).await,
-                    Some(Harm::Stall) => {
+                    Some(WireFault::Cut) => return to.write_all(&out).await,
+                    Some(WireFault::Stall) => {
                         to.write_all(&out).await?;
                         tokio::io::copy(&mut from, &mut tokio::io::sink()).await?;
                         return Ok(());
@@ -170,7 +170,7 @@ impl<'t, P: Iterator<Item = Planned>> Side<'t, P> {
     }
 
     /// Fault that occurs at this byte.
-    fn due(&mut self, byte: u8) -> Option<Harm> {
+    fn due(&mut self, byte: u8) -> Option<WireFault> {
         let ends = byte == b'\n';
         let (line, at) = (self.line, self.byte);
         let is_due = |planned: &Planned| {
@@ -181,16 +181,17 @@ impl<'t, P: Iterator<Item = Planned>> Side<'t, P> {
         Some(planned.harm)
     }
 
-    fn pass(&mut self, byte: u8, harm: Option<Harm>, out: &mut Vec<u8>) {
+    fn pass(&mut self, byte: u8, harm: Option<WireFault>, out: &mut Vec<u8>) {
         match harm {
-            Some(Harm::DropLine) => self.dropping = true,
-            Some(Harm::DoubleLine) => self.copy = Some(Vec::new()),
+            Some(WireFault::DropLine) => self.dropping = true,
+            Some(WireFault::DoubleLine) => self.copy = Some(Vec::new()),
             _ => {}
         }
-        let passed = if let Some(Harm::Flip { bit }) = harm { byte ^ (1 << bit) } else { byte };
-        if harm != Some(Harm::DropByte) && !self.dropping {
+        let passed =
+            if let Some(WireFault::Flip { bit }) = harm { byte ^ (1 << bit) } else { byte };
+        if harm != Some(WireFault::DropByte) && !self.dropping {
             out.push(passed);
-            if harm == Some(Harm::DoubleByte) {
+            if harm == Some(WireFault::DoubleByte) {
                 out.push(passed);
             }
             if let Some(copy) = &mut self.copy {
@@ -214,7 +215,7 @@ mod tests {
     }
 
     /// `text` after one fault.
-    fn harmed(text: &str, line: u64, byte: u64, harm: Harm) -> String {
+    fn harmed(text: &str, line: u64, byte: u64, harm: WireFault) -> String {
         let direction = Direction::ToDevice;
         let told = |_| {};
         let planned = [Planned { direction, line, byte, harm }];
@@ -229,17 +230,17 @@ mod tests {
     fn each_harm_does_what_its_name_says() {
         let text = "G0 X1\nG1 Y2\nok\n";
         let at = |harm| harmed(text, 1, 3, harm);
-        assert_eq!(at(Harm::DropByte), "G0 X1\nG1 2\nok\n");
-        assert_eq!(at(Harm::DoubleByte), "G0 X1\nG1 YY2\nok\n");
-        assert_eq!(at(Harm::Flip { bit: 0 }), "G0 X1\nG1 X2\nok\n");
-        assert_eq!(at(Harm::DropLine), "G0 X1\nG1 ok\n");
-        assert_eq!(at(Harm::DoubleLine), "G0 X1\nG1 Y2\nY2\nok\n");
-        assert_eq!(at(Harm::Cut), "G0 X1\nG1 ");
-        assert_eq!(at(Harm::Stall), "G0 X1\nG1 ");
-        assert_eq!(at(Harm::Delay(Duration::ZERO)), text);
-        assert_eq!(at(Harm::Split(Duration::ZERO)), text);
+        assert_eq!(at(WireFault::DropByte), "G0 X1\nG1 2\nok\n");
+        assert_eq!(at(WireFault::DoubleByte), "G0 X1\nG1 YY2\nok\n");
+        assert_eq!(at(WireFault::Flip { bit: 0 }), "G0 X1\nG1 X2\nok\n");
+        assert_eq!(at(WireFault::DropLine), "G0 X1\nG1 ok\n");
+        assert_eq!(at(WireFault::DoubleLine), "G0 X1\nG1 Y2\nY2\nok\n");
+        assert_eq!(at(WireFault::Cut), "G0 X1\nG1 ");
+        assert_eq!(at(WireFault::Stall), "G0 X1\nG1 ");
+        assert_eq!(at(WireFault::Delay(Duration::ZERO)), text);
+        assert_eq!(at(WireFault::Split(Duration::ZERO)), text);
         // In a line that is too short the fault is at its end.
-        assert_eq!(harmed(text, 0, 30, Harm::DropByte), "G0 X1G1 Y2\nok\n");
+        assert_eq!(harmed(text, 0, 30, WireFault::DropByte), "G0 X1G1 Y2\nok\n");
     }
 
     #[test]

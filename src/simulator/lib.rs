@@ -42,13 +42,13 @@ mod wiring;
 use std::collections::BTreeMap;
 
 pub use beam::Sensed;
-pub use bystander::Bystander;
+pub use bystander::SimulatedOperator;
 pub use datum_truth::{DatumTruth, IndexFault, SectionForm, StageTruth};
 pub use error::WorldError;
 pub use flank::FormHarmonic;
 pub use ramp::Speed;
 pub use rotary_motion::RotaryMotion;
-pub use sensing::Passing;
+pub use sensing::SampleInMotion;
 pub use sensor_truth::{SensorTruth, Wave};
 pub use truth::{ErrorMotion, Latch, Truth};
 
@@ -58,9 +58,9 @@ use machine::{Axis, Position};
 use path::{Limits, Path, Play};
 use ramp::{FINEST_MM, first_crossing};
 use scene::Scene;
-use sensing::Eye;
-use trail::Trail;
-use warmth::Warmth;
+use sensing::SimulatedSensor;
+use trail::MotionHistory;
+use warmth::ThermometerTruth;
 use wiring::Wired;
 
 /// Result of an unguarded move.
@@ -113,10 +113,10 @@ pub struct World {
     /// Number of probing moves for each N word.
     probed: BTreeMap<u32, u32>,
     sensor_truths: Vec<SensorTruth>,
-    eyes: Vec<Eye>,
+    eyes: Vec<SimulatedSensor>,
     /// Past motion, recorded only if there are sensors.
-    trail: Trail,
-    warmths: Vec<Warmth>,
+    trail: MotionHistory,
+    warmths: Vec<ThermometerTruth>,
 }
 
 impl World {
@@ -152,7 +152,7 @@ impl World {
             probed: BTreeMap::new(),
             sensor_truths: truth.sensor.clone(),
             eyes: Vec::new(),
-            trail: Trail::default(),
+            trail: MotionHistory::default(),
             warmths: truth.thermometer.clone(),
         })
     }

@@ -10,8 +10,8 @@ use super::drawn::{self, Drift, Lobing};
 use super::linear_errors::{AngularErrors, LinearErrors};
 use super::rotary_errors::RotaryErrors;
 use super::sag::Sag;
-use super::sight::{Sight, Target};
-use super::stand::Stand;
+use super::sight::{SensorView, Target};
+use super::stand::MachinePose;
 use super::surface::Surface;
 use super::truth::Truth;
 use machine::kinematics::{Chain, ErrorTerm, Shape};
@@ -156,13 +156,13 @@ impl Scene {
 
     /// Distance and outward normal of the surface, the normal in the spindle frame.
     fn gap(&self, axes: &Position, command: &Position, t_s: f64) -> (f64, Vector3<f64>) {
-        let Sight { stand, growth, .. } = self.sight(axes, command, t_s);
+        let SensorView { stand, growth, .. } = self.sight(axes, command, t_s);
         let nearest = self.surface.nearest(stand.on_table(self.tip), growth, t_s);
         (nearest.distance - self.ball_radius, stand.turned_to_spindle(nearest.normal))
     }
 
     /// The scene as seen from the spindle; `axes` and `command` as for [`Scene::clearance`].
-    pub fn sight(&self, axes: &Position, command: &Position, t_s: f64) -> Sight<'_> {
+    pub fn sight(&self, axes: &Position, command: &Position, t_s: f64) -> SensorView<'_> {
         let errors = self.errors_at(axes, Some(t_s));
         let spindle = self.chain.machine_from_spindle(axes, &errors);
         let shift = self.linear_errors.at(command.xyz().into());
@@ -170,18 +170,23 @@ impl Scene {
     }
 
     /// The scene as seen from the bed: errors of the linear axes act between spindle and bed.
-    pub fn sight_from_bed(&self, axes: &Position, t_s: f64) -> Sight<'_> {
+    pub fn sight_from_bed(&self, axes: &Position, t_s: f64) -> SensorView<'_> {
         self.sight_from(Pose::identity(), Vector3::zeros(), axes, t_s)
     }
 
     /// The sphere in the spindle, as seen from a sensor on the table.
-    pub fn sight_from_table(&self, axes: &Position, command: &Position, t_s: f64) -> Sight<'_> {
+    pub fn sight_from_table(
+        &self,
+        axes: &Position,
+        command: &Position,
+        t_s: f64,
+    ) -> SensorView<'_> {
         let sight = self.sight(axes, command, t_s);
         let target =
             Target::Sphere { centre: sight.stand.on_table(self.tip), radius: self.ball_radius };
         let table = sight.stand.table;
-        let stand = Stand { table, spindle: table, shift: Vector3::zeros() };
-        Sight { stand, target, ..sight }
+        let stand = MachinePose { table, spindle: table, shift: Vector3::zeros() };
+        SensorView { stand, target, ..sight }
     }
 
     fn sight_from(
@@ -190,15 +195,15 @@ impl Scene {
         shift: Vector3<f64>,
         axes: &Position,
         t_s: f64,
-    ) -> Sight<'_> {
+    ) -> SensorView<'_> {
         let errors = self.errors_at(axes, Some(t_s));
-        let stand = Stand {
+        let stand = MachinePose {
             table: self.sag.bend(self.chain.machine_from_table(axes, &errors), axes),
             spindle: carrier,
             shift: shift - self.drift.table(t_s),
         };
         let target = Target::Surface(&self.surface);
-        Sight { stand, target, growth: self.drift.radius(t_s), t_s }
+        SensorView { stand, target, growth: self.drift.radius(t_s), t_s }
     }
 
     /// Stated errors, error motions of the rotary axes at this position, and rotations of the linear axes.
@@ -271,7 +276,7 @@ impl Scene {
             let at = stands.clone().with(axis, angle);
             let table = self.chain.machine_from_table(&at, errors);
             let spindle = self.chain.machine_from_spindle(&at, errors);
-            Stand { table, spindle, shift }.on_table(self.tool)
+            MachinePose { table, spindle, shift }.on_table(self.tool)
         };
         seen(std::f64::consts::PI) - seen(0.0)
     }

@@ -8,7 +8,7 @@ use machine::record::sensor::{Mount, Sensor};
 
 /// One sensor, and the number of samples it has taken.
 #[derive(Debug, Clone)]
-pub(super) struct Eye {
+pub(super) struct SimulatedSensor {
     name: String,
     mount: Mount,
     beam: Beam,
@@ -43,7 +43,7 @@ impl Ticks {
     }
 }
 
-impl Eye {
+impl SimulatedSensor {
     /// Advances the sample count to `t_s`, so that no noise value repeats.
     pub fn pass(&mut self, t_s: f64) {
         self.taken = self.taken.max((t_s * MOST_HZ) as u64);
@@ -52,7 +52,7 @@ impl Eye {
 
 /// A sample that a sensor takes during a move.
 #[derive(Debug, Clone)]
-pub struct Passing {
+pub struct SampleInMotion {
     /// Displayed position, at the time of output.
     pub position: Position,
     pub t_s: f64,
@@ -85,7 +85,13 @@ impl World {
             }
             let clock = Ticks::new(&truth);
             let beam = Beam::new(sensor, truth, self.seed, number)?;
-            Ok(Eye { name: sensor.name.clone(), mount: sensor.mount, beam, clock, taken: 0 })
+            Ok(SimulatedSensor {
+                name: sensor.name.clone(),
+                mount: sensor.mount,
+                beam,
+                clock,
+                taken: 0,
+            })
         };
         self.eyes = sensors.iter().enumerate().map(eye).collect::<Result<_, _>>()?;
         Ok(self)
@@ -102,13 +108,13 @@ impl World {
 
     /// Sample of the sensor `name` at `t_s`, which is not later than now, and the axis positions at that time.
     /// `None`: there is no such sensor.
-    pub fn sensed_at(&mut self, name: &str, t_s: f64) -> Option<Passing> {
+    pub fn sensed_at(&mut self, name: &str, t_s: f64) -> Option<SampleInMotion> {
         let number = self.eyes.iter().position(|eye| eye.name == name)?;
         let position = match self.trail.at(t_s) {
             Some((path, along)) => self.displayed(&path.command(along)),
             None => self.position(),
         };
-        Some(Passing { position, t_s, sensed: self.says(number, t_s)? })
+        Some(SampleInMotion { position, t_s, sensed: self.says(number, t_s)? })
     }
 
     /// Makes a straight, unguarded move of the axes named in `to`, during which the sensor `name` samples every
@@ -119,7 +125,7 @@ impl World {
         to: &Position,
         speed: Speed,
         period_s: f64,
-    ) -> Vec<Passing> {
+    ) -> Vec<SampleInMotion> {
         let number = self.eyes.iter().position(|eye| eye.name == name);
         let (Some(number), Some(path)) = (number, self.path(to, speed)) else { return Vec::new() };
         let (begins_s, lasts_s) = (self.t_s, path.ramp().duration_s());

@@ -4,14 +4,14 @@ use nalgebra::Vector3;
 
 use super::nearest::Nearest;
 use super::ramp::first_crossing;
-use super::stand::Stand;
+use super::stand::MachinePose;
 use super::surface::Surface;
 
 /// The scene at one moment, as seen from the part that carries a sensor.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sight<'a> {
+pub(super) struct SensorView<'a> {
     /// Pose of the carrier, in place of the spindle.
-    pub stand: Stand,
+    pub stand: MachinePose,
     pub target: Target<'a>,
     /// Growth of the radius of a round part, mm.
     pub growth: f64,
@@ -50,7 +50,7 @@ pub(super) struct Hit {
     pub normal: Vector3<f64>,
 }
 
-impl Sight<'_> {
+impl SensorView<'_> {
     /// First surface that the line through `origin` along the unit vector `along` (spindle frame) enters
     /// between the distances `reach`; `None` also if the line begins inside a body.
     pub fn first(&self, origin: Vector3<f64>, along: Vector3<f64>, reach: [f64; 2]) -> Option<Hit> {

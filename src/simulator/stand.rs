@@ -6,14 +6,14 @@ use machine::frame::Pose;
 
 /// Poses in the machine frame, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Stand {
+pub(super) struct MachinePose {
     pub table: Pose,
     pub spindle: Pose,
     /// Shift of the tool against the table.
     pub shift: Vector3<f64>,
 }
 
-impl Stand {
+impl MachinePose {
     /// Transforms a point of the spindle frame into the table frame.
     pub fn on_table(&self, point: Vector3<f64>) -> Vector3<f64> {
         let in_machine = self.spindle * Point3::from(point) + self.shift;

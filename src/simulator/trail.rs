@@ -9,7 +9,7 @@ const KEPT: usize = 64;
 
 /// The last moves, in the order of time.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Trail {
+pub(super) struct MotionHistory {
     moves: VecDeque<Move>,
 }
 
@@ -21,7 +21,7 @@ struct Move {
     ends: f64,
 }
 
-impl Trail {
+impl MotionHistory {
     pub fn went(&mut self, begins_s: f64, path: &Path, ends: f64) {
         if self.moves.len() == KEPT {
             self.moves.pop_front();

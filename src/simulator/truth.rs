@@ -11,7 +11,7 @@ use super::datum_truth::{DatumTruth, StageTruth};
 use super::flank::FormHarmonic;
 use super::rotary_motion::RotaryMotion;
 use super::sensor_truth::SensorTruth;
-use super::warmth::Warmth;
+use super::warmth::ThermometerTruth;
 use super::wiring::Wiring;
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};
@@ -69,7 +69,7 @@ pub struct Truth {
     pub sensor: Vec<SensorTruth>,
     /// True temperatures at the thermometers.
     #[serde(skip_serializing_if = "Vec::is_empty")]
-    pub thermometer: Vec<Warmth>,
+    pub thermometer: Vec<ThermometerTruth>,
     /// Faults of the control: read by the simulated control, ignored by the world.
     #[serde(skip_serializing)]
     pub fault: IgnoredAny,

@@ -8,7 +8,7 @@ use super::{World, WorldError, drawn};
 /// drift.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Warmth {
+pub struct ThermometerTruth {
     /// Name of the `[[thermometer]]` at this place.
     pub name: String,
     /// Temperature when the world is created.
@@ -19,7 +19,7 @@ pub struct Warmth {
     pub noise_k: f64,
 }
 
-impl Default for Warmth {
+impl Default for ThermometerTruth {
     fn default() -> Self {
         Self { name: String::new(), begins_c: 20.0, warms_k: 1.5, noise_k: 0.02 }
     }
@@ -28,7 +28,7 @@ impl Default for Warmth {
 /// Resolution of a reading.
 const COUNTS_PER_K: f64 = 100.0;
 
-impl Warmth {
+impl ThermometerTruth {
     fn sound(&self) -> bool {
         let all = [self.begins_c, self.warms_k, self.noise_k];
         all.into_iter().all(f64::is_finite) && self.noise_k >= 0.0
@@ -50,7 +50,7 @@ impl World {
     pub fn with_thermometers(mut self, names: &[&str]) -> Result<Self, WorldError> {
         let stated = std::mem::take(&mut self.warmths);
         let count = |name: &str| stated.iter().filter(|stated| stated.name == name).count();
-        for Warmth { name, .. } in &stated {
+        for ThermometerTruth { name, .. } in &stated {
             if !names.contains(&name.as_str()) || count(name) > 1 {
                 return Err(WorldError::NoThermometer { name: name.clone() });
             }
@@ -59,7 +59,8 @@ impl World {
             return Err(WorldError::Thermometer { name: bad.name.clone() });
         }
         let of = |name: &&str| {
-            let usual = || Warmth { name: (*name).to_owned(), ..Warmth::default() };
+            let usual =
+                || ThermometerTruth { name: (*name).to_owned(), ..ThermometerTruth::default() };
             stated.iter().find(|stated| stated.name == *name).cloned().unwrap_or_else(usual)
         };
         self.warmths = names.iter().map(of).collect();

@@ -10,7 +10,7 @@ use super::{Fault, RunId, StoreError, checksum, connection, identity, read, snap
 
 /// Content of a backup.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Copied {
+pub struct BackupContent {
     pub newest: Option<RunId>,
     /// Whether the journal's rows have checksums. A journal that only older versions have opened has none; then
     /// only SQLite's integrity check was made.
@@ -21,7 +21,7 @@ pub struct Copied {
 ///
 /// # Errors
 /// There is no journal, the disk is full, `file` exists, or the journal is foreign or damaged.
-pub fn backup(dir: &Path, file: &Path) -> Result<Copied, StoreError> {
+pub fn backup(dir: &Path, file: &Path) -> Result<BackupContent, StoreError> {
     let journal = dir.join(JOURNAL);
     if !journal.is_file() {
         return Err(StoreError::at(&journal)(Fault::Missing));
@@ -40,7 +40,7 @@ pub fn backup(dir: &Path, file: &Path) -> Result<Copied, StoreError> {
             .map(RunId)),
     };
     match snapshot::keep(&source, file, verified) {
-        Ok(newest) => Ok(Copied { newest, has_checksums }),
+        Ok(newest) => Ok(BackupContent { newest, has_checksums }),
         // The copy is removed: the journal was damaged before.
         Err(fault @ Fault::Damaged(_)) => Err(StoreError::at(&journal)(fault)),
         Err(fault) => Err(StoreError::at(file)(fault)),

@@ -35,11 +35,11 @@ mod tests;
 mod write;
 
 pub use audit::{Audit, Audited};
-pub use backup::{Copied, backup};
+pub use backup::{BackupContent, backup};
 pub use error::{Fault, StoreError};
 pub use journal::{Journal, Pending};
 pub use lock::{Holder, LockError, MachineLock};
-pub use page::{Newest, NewestRuns, Wanted};
+pub use page::{LatestResult, NewestRuns, Wanted};
 pub use schedule::{Arming, Outcome, Slot};
 pub use signature::Signature;
 pub use state_dir::state_dir;

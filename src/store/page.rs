@@ -22,7 +22,7 @@ pub struct Wanted<'a> {
 
 /// Result of the newest finished run of a machine.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Newest {
+pub struct LatestResult {
     pub run: RunId,
     /// Time at which that run ended.
     pub ended: Timestamp,
@@ -34,7 +34,7 @@ pub struct Newest {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct NewestRuns {
     /// Result of the newest run with an estimate.
-    pub result: Option<Newest>,
+    pub result: Option<LatestResult>,
     /// The newest run without an estimate, if it is newer than `result`.
     pub not_identified: Option<RunId>,
 }
@@ -138,7 +138,7 @@ fn readings(
     Ok((all, some))
 }
 
-fn newest(connection: &Connection, machine: &str) -> Result<Option<Newest>, Fault> {
+fn newest(connection: &Connection, machine: &str) -> Result<Option<LatestResult>, Fault> {
     /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
     struct Said {
@@ -153,7 +153,7 @@ fn newest(connection: &Connection, machine: &str) -> Result<Option<Newest>, Faul
         |row| {
             let Said { verdict, parameters } = columns::from_json(row, 2)?;
             let (run, ended) = (RunId(row.get(0)?), columns::parsed(row, 1)?);
-            Ok(Newest { run, ended, verdict, parameters })
+            Ok(LatestResult { run, ended, verdict, parameters })
         },
     );
     let found = found.optional()?;

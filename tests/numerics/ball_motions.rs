@@ -9,8 +9,8 @@ use methods::{Next, Source};
 use planning::gcode::{Dialect, Program};
 use planning::proof::{Request, Staged, prove};
 use planning::{
-    Access, Approach, BallTask, Clearance, Confirmed, Start, Ways, blocks, end_of, machine_time_s,
-    touch_block,
+    Access, Approach, BallTask, Clearance, Confirmed, Start, TravelTimes, blocks, end_of,
+    machine_time_s, touch_block,
 };
 
 /// The built-in machine with the axis order of the paper, space for its balls and a longer stylus.
@@ -137,7 +137,7 @@ fn in_order(
     for (rotary, list) in &mut visits {
         let place = |ball: &usize| access.centre(&balls(plan).balls[*ball], rotary).unwrap();
         let places: Vec<Position> = list.iter().map(place).collect();
-        let order = Ways::in_xy(&places, stands.as_ref(), &plan.machine).tour(1);
+        let order = TravelTimes::in_xy(&places, stands.as_ref(), &plan.machine).tour(1);
         stands = order.last().map(|last| places[*last].clone());
         *list = order.iter().map(|place| list[*place]).collect();
     }

@@ -28,7 +28,7 @@ pub(in crate::controllers) fn astray(
         return None;
     }
     let told = |value: f64| format!("{axis}{:.3}", axis.to_edge(value));
-    Some(ControllerError::Astray { wanted: told(wanted), stands: told(stands.at(axis)) })
+    Some(ControllerError::WrongPosition { wanted: told(wanted), stands: told(stands.at(axis)) })
 }
 
 /// Error if the contact is not between the start of the probing move and its rest position, axis by axis.
@@ -57,10 +57,10 @@ pub(in crate::controllers) fn braking(machine: &Machine) -> String {
     format!("brakes on the path and stays; at most {}", braking.join(", "))
 }
 
-/// Converts `Astray` to `NotReady`: between two blocks only a person or another program moves the machine.
+/// Converts `WrongPosition` to `NotReady`: between two blocks only a person or another program moves the machine.
 pub(in crate::controllers) fn moved_by_hand(error: ControllerError) -> ControllerError {
     match error {
-        ControllerError::Astray { wanted, stands } => ControllerError::NotReady {
+        ControllerError::WrongPosition { wanted, stands } => ControllerError::NotReady {
             state: format!("it was moved by hand: it stands at {stands}, not at {wanted}"),
             remedy: "leave the machine to trued while it measures".to_owned(),
         },

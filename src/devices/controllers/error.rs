@@ -33,7 +33,7 @@ pub enum ControllerError {
     NotReady { state: String, remedy: String },
     /// A device answers, but not as this kind of control does.
     #[error("the control is not ready: {state}")]
-    Strange { state: String, remedy: String },
+    UnexpectedDevice { state: String, remedy: String },
     /// The probe is closed before the first motion.
     #[error("the control is not ready: the probe reads closed")]
     ProbeClosed,
@@ -52,9 +52,9 @@ pub enum ControllerError {
     )]
     OutOfStep { heard: String },
     #[error("the machine stands at {stands}, not at {wanted}")]
-    Astray { wanted: String, stands: String },
+    WrongPosition { wanted: String, stands: String },
     #[error("step {step}: the control tells the touch as `{first}` and as `{again}`")]
-    Doubtful { step: u32, first: String, again: String },
+    ContradictoryTouch { step: u32, first: String, again: String },
     #[error("held at the machine: the control says {state}")]
     HeldThere { state: String },
     #[error("the control reports {name} = {t_s:?} s: {why}")]
@@ -99,7 +99,7 @@ impl ControllerError {
             | Self::NoContact { step }
             | Self::UnexpectedContact { step }
             | Self::StillTripped { step }
-            | Self::Doubtful { step, .. }
+            | Self::ContradictoryTouch { step, .. }
             | Self::Unstamped { step, .. }
             | Self::Altered(Altered { step })
             | Self::Transmission { step }
@@ -114,15 +114,15 @@ impl ControllerError {
             Self::Link(error) => return error.remedy(),
             Self::Modbus(error) => return error.remedy(),
             Self::NotReady { remedy, .. }
-            | Self::Strange { remedy, .. }
+            | Self::UnexpectedDevice { remedy, .. }
             | Self::Unsupported { remedy, .. }
             | Self::Unstamped { remedy, .. } => {
                 return remedy.clone();
             }
             Self::NoAnswer { .. }
             | Self::OutOfStep { .. }
-            | Self::Doubtful { .. }
-            | Self::Astray { .. } => self.on_the_wire(),
+            | Self::ContradictoryTouch { .. }
+            | Self::WrongPosition { .. } => self.on_the_wire(),
             Self::EmergencyStop
             | Self::SwitchedOff { .. }
             | Self::Paused { .. }
@@ -162,11 +162,11 @@ impl ControllerError {
             Self::NoAnswer { .. } => {
                 "the state of the machine is unknown: look at it, then check cable, power and speed"
             }
-            Self::OutOfStep { .. } | Self::Doubtful { .. } => {
+            Self::OutOfStep { .. } | Self::ContradictoryTouch { .. } => {
                 "the wire loses or alters bytes: check cable, earthing and speed; USB or a network, \
                  which check what they carry, are better than a bare serial line"
             }
-            Self::Astray { .. } => {
+            Self::WrongPosition { .. } => {
                 "look at the machine and at the stylus: a wire that alters bytes moved it elsewhere (USB \
                  or a network are safer than a bare serial line), a contact was not seen, or somebody \
                  else commands it"

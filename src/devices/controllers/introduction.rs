@@ -8,13 +8,13 @@ use machine::record::machine::Sense;
 
 /// Properties that a control reports, from its own settings, independent of the machine file.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Introduction {
+pub struct DeviceInfo {
     /// Name and version as reported.
     pub identity: String,
     /// All axes that the control drives.
-    pub axes: BTreeMap<Axis, AxisSays>,
+    pub axes: BTreeMap<Axis, ReportedAxis>,
     /// Settings with which the control cannot measure, or which the operator must know.
-    pub remarks: Vec<Remark>,
+    pub remarks: Vec<ReadinessFinding>,
     /// How the operator inverts the probe input at the control, if the control supports it.
     pub polarity: Option<String>,
 }
@@ -22,7 +22,7 @@ pub struct Introduction {
 /// Properties of one axis, in the units of [`AxisSpec`](machine::record::machine::AxisSpec): mm, degrees,
 /// minutes and seconds. `None` if the control does not report the value.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct AxisSays {
+pub struct ReportedAxis {
     /// Lower end of the travel in machine coordinates; `max` is the upper end.
     pub min: Option<f64>,
     pub max: Option<f64>,
@@ -41,14 +41,14 @@ pub struct AxisSays {
 
 /// A remark on a setting of a control.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Remark {
+pub struct ReadinessFinding {
     /// Whether the setting prevents a measurement; otherwise the remark is information.
     pub hinders: bool,
     pub what: String,
     pub remedy: String,
 }
 
-impl Remark {
+impl ReadinessFinding {
     pub(in crate::controllers) fn hinders(what: impl Into<String>, remedy: &str) -> Self {
         Self { hinders: true, what: what.into(), remedy: remedy.to_owned() }
     }
@@ -71,7 +71,7 @@ pub enum Leave {
 
 /// A possible cause of a fault.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Suspicion {
+pub struct Diagnosis {
     /// Whether the cause was observed; otherwise it is suspected.
     pub seen: bool,
     /// Whether an active search could find out more.
@@ -84,7 +84,7 @@ pub struct Suspicion {
     pub remedy: String,
 }
 
-impl fmt::Display for Suspicion {
+impl fmt::Display for Diagnosis {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { seen, what, because, .. } = self;
         let grade = if *seen { "" } else { "suspected: " };

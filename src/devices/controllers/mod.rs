@@ -31,7 +31,7 @@ mod stamp;
 mod stranger;
 
 pub use error::ControllerError;
-pub use introduction::{AxisSays, Introduction, Leave, Remark, Suspicion};
+pub use introduction::{DeviceInfo, Diagnosis, Leave, ReadinessFinding, ReportedAxis};
 pub use readiness::{ReadinessItem, describe_not_readable};
 
 /// Configuration of a control, from `[controller]`. Each kind of control defines the keys of its own table.
@@ -66,7 +66,7 @@ pub trait Named: fmt::Debug + Send + Sync {
 pub type Opening<'a> =
     Pin<Box<dyn Future<Output = Result<Controller, ControllerError>> + Send + 'a>>;
 
-pub type Diagnosing<'a> = Pin<Box<dyn Future<Output = Vec<Suspicion>> + Send + 'a>>;
+pub type Diagnosing<'a> = Pin<Box<dyn Future<Output = Vec<Diagnosis>> + Send + 'a>>;
 
 /// Properties of a control that is ready to move.
 #[derive(Debug, Clone, PartialEq)]
@@ -112,7 +112,7 @@ pub trait Driver: Send + 'static {
     /// Reads the present state. Nothing moves.
     fn look(&mut self) -> impl Future<Output = Result<Look, ControllerError>> + Send;
     /// Reads the control's properties, prepared or not. Nothing moves and nothing is set.
-    fn introduce(&mut self) -> impl Future<Output = Result<Introduction, ControllerError>> + Send;
+    fn introduce(&mut self) -> impl Future<Output = Result<DeviceInfo, ControllerError>> + Send;
     /// Whether the outcome of a block with a feed motion has the track of that motion.
     fn stamps(&self) -> bool {
         false
@@ -150,7 +150,7 @@ enum Request {
     PrepareInContact(oneshot::Sender<Result<Prepared, ControllerError>>),
     Execute(ProvenBlock, oneshot::Sender<Result<Outcome, ControllerError>>),
     Look(oneshot::Sender<Result<Look, ControllerError>>),
-    Introduce(oneshot::Sender<Result<Introduction, ControllerError>>),
+    Introduce(oneshot::Sender<Result<DeviceInfo, ControllerError>>),
     Finish(oneshot::Sender<Result<(), ControllerError>>),
 }
 
@@ -196,7 +196,7 @@ impl Controller {
         self.ask(Request::Look).await
     }
 
-    pub async fn introduce(&self) -> Result<Introduction, ControllerError> {
+    pub async fn introduce(&self) -> Result<DeviceInfo, ControllerError> {
         self.ask(Request::Introduce).await
     }
 

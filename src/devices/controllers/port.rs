@@ -4,7 +4,7 @@ use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
-use super::{ControllerError, Suspicion};
+use super::{ControllerError, Diagnosis};
 use link::modbus::ModbusError;
 use link::{BY_ID, LinkError, Named};
 
@@ -13,7 +13,7 @@ use link::{BY_ID, LinkError, Named};
 const SERIAL: [&str; 3] = ["ttyUSB", "ttyACM", "ttyAMA"];
 
 /// Suspected causes if the link `at` could not be opened, from the system's error; none if it could.
-pub(in crate::controllers) fn suspects(at: &Named, failed: &ControllerError) -> Vec<Suspicion> {
+pub(in crate::controllers) fn suspects(at: &Named, failed: &ControllerError) -> Vec<Diagnosis> {
     let (ControllerError::Link(error) | ControllerError::Modbus(ModbusError::Link(error))) = failed
     else {
         return Vec::new();
@@ -30,11 +30,11 @@ pub(in crate::controllers) fn suspects(at: &Named, failed: &ControllerError) -> 
     vec![suspicion]
 }
 
-fn seen(what: String, because: String, remedy: &str) -> Suspicion {
-    Suspicion { seen: true, vague: false, what, because, remedy: remedy.to_owned() }
+fn seen(what: String, because: String, remedy: &str) -> Diagnosis {
+    Diagnosis { seen: true, vague: false, what, because, remedy: remedy.to_owned() }
 }
 
-fn nobody_listens(address: &str) -> Suspicion {
+fn nobody_listens(address: &str) -> Diagnosis {
     seen(
         format!("wrong port, or the control's server is not running: nobody listens at {address}"),
         "the computer of that name is there and refuses the connection".to_owned(),
@@ -43,7 +43,7 @@ fn nobody_listens(address: &str) -> Suspicion {
     )
 }
 
-fn no_way(address: &str, source: &std::io::Error) -> Suspicion {
+fn no_way(address: &str, source: &std::io::Error) -> Diagnosis {
     use std::io::ErrorKind as Kind;
     match source.kind() {
         Kind::TimedOut | Kind::HostUnreachable | Kind::NetworkUnreachable => seen(
@@ -60,7 +60,7 @@ fn no_way(address: &str, source: &std::io::Error) -> Suspicion {
     }
 }
 
-fn no_port(address: &str, devices: &Path) -> Suspicion {
+fn no_port(address: &str, devices: &Path) -> Diagnosis {
     let there = ports(devices);
     let others = match there.as_slice() {
         [] => "there is no serial port at all".to_owned(),
@@ -86,7 +86,7 @@ fn ports(devices: &Path) -> Vec<String> {
     all
 }
 
-fn none_named(id: &str, there: &[String]) -> Suspicion {
+fn none_named(id: &str, there: &[String]) -> Diagnosis {
     let names = if there.is_empty() { "none".to_owned() } else { there.join(", ") };
     seen(
         format!("wrong name, or it is not plugged in: no one port is called `{id}`"),
@@ -95,7 +95,7 @@ fn none_named(id: &str, there: &[String]) -> Suspicion {
     )
 }
 
-fn denied(address: &str) -> Suspicion {
+fn denied(address: &str) -> Diagnosis {
     let group = fs::metadata(address).ok().and_then(|found| group_name(found.gid()));
     let group = group.unwrap_or_else(|| "dialout".to_owned());
     seen(
@@ -115,7 +115,7 @@ fn group_name(id: u32) -> Option<String> {
     groups.lines().find_map(of)
 }
 
-fn busy(address: &str) -> Suspicion {
+fn busy(address: &str) -> Diagnosis {
     let (because, remedy) = match holder(Path::new(address)) {
         Some((process, name)) => {
             (format!("`{name}` (process {process}) has it open"), "end that program".to_owned())

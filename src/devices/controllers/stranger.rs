@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::{Suspicion, grbl, linuxcnc, modbus};
+use super::{Diagnosis, grbl, linuxcnc, modbus};
 use link::modbus::{Allowed, Framing, Line, Modbus, ModbusError, Parity, Range, Settings, Space};
 use link::{Address, Named, Received};
 
@@ -30,7 +30,7 @@ pub(in crate::controllers) async fn on_serial(
     path: &str,
     baud: u32,
     known: &str,
-) -> Option<Suspicion> {
+) -> Option<Diagnosis> {
     let speeds =
         || std::iter::once(baud).chain(SPEEDS.into_iter().filter(move |speed| *speed != baud));
     if known != grbl::KIND {
@@ -57,7 +57,7 @@ pub(in crate::controllers) async fn on_serial(
 }
 
 /// Searches for a control of another kind than `known` behind a TCP port.
-pub(in crate::controllers) async fn on_tcp(at: &Named, known: &str) -> Option<Suspicion> {
+pub(in crate::controllers) async fn on_tcp(at: &Named, known: &str) -> Option<Diagnosis> {
     let address = at.address().ok()?;
     let keys = format!("tcp = \"{address}\"");
     if known != modbus::KIND {
@@ -80,8 +80,8 @@ pub(in crate::controllers) async fn on_tcp(at: &Named, known: &str) -> Option<Su
     None
 }
 
-fn wrong_kind(known: &str, kind: &str, said: &str, keys: &str) -> Suspicion {
-    Suspicion {
+fn wrong_kind(known: &str, kind: &str, said: &str, keys: &str) -> Diagnosis {
+    Diagnosis {
         seen: true,
         vague: false,
         what: format!("wrong kind of control: what answers is of kind `{kind}`, not `{known}`"),
@@ -91,8 +91,8 @@ fn wrong_kind(known: &str, kind: &str, said: &str, keys: &str) -> Suspicion {
 }
 
 /// Suspected cause if no known control answers at `at`.
-pub(in crate::controllers) fn nobody(at: &str, because: &str) -> Suspicion {
-    Suspicion {
+pub(in crate::controllers) fn nobody(at: &str, because: &str) -> Diagnosis {
+    Diagnosis {
         seen: false,
         vague: false,
         what: format!("wrong port, or what is at {at} is off, not wired, or no control that is known"),

@@ -17,7 +17,7 @@ pub enum SensorError {
     #[error("samples come, but their counter always says the same")]
     Stands,
     #[error("what the sensor says cannot be understood: {text}")]
-    Strange { text: String, remedy: String },
+    UnexpectedDevice { text: String, remedy: String },
     #[error("the machine has no sensor `{name}`")]
     Unknown { name: String },
     #[error("the simulated sensor `{name}` has nothing to look at: the control is a real one")]
@@ -60,7 +60,7 @@ impl SensorError {
             Self::Stands => "see that the sensor measures (trigger, hold input); if it does, compare `counter` \
                              of its table in [[sensor]] with its manual: place, width, order"
                 .to_owned(),
-            Self::Strange { remedy, .. } => remedy.clone(),
+            Self::UnexpectedDevice { remedy, .. } => remedy.clone(),
             Self::Unknown { .. } => "describe it as a [[sensor]] of the machine file".to_owned(),
             Self::NothingToSee { .. } => {
                 "say in [[sensor]] how the real one is reached, or take `kind = \"simulated\"` in \

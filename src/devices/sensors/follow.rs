@@ -6,7 +6,7 @@ use super::layout::Decoded;
 use machine::record::reading::Flag;
 
 /// Follows the counter of a sensor that sends a value and a count.
-pub struct Counting {
+pub struct CounterTracker {
     /// Number of samples after which the counter restarts.
     round: Option<u64>,
     /// Count of the previous sample.
@@ -28,7 +28,7 @@ enum Step {
     Stands,
 }
 
-impl Counting {
+impl CounterTracker {
     pub fn new(round: Option<u64>) -> Self {
         let (count, broken, fresh) = (None, false, true);
         let (stands, long, passed_over) = (false, false, 0);

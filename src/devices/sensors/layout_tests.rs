@@ -4,7 +4,7 @@ use serde::Deserialize;
 
 use super::Sample;
 use super::field::Order;
-use super::follow::Counting;
+use super::follow::CounterTracker;
 use super::layout::{CounterKeys, EncoderCountKeys, Layout, Short, StatusKeys, ValueKeys};
 use machine::record::reading::Flag;
 
@@ -25,11 +25,11 @@ fn layout(text: &str) -> Result<Layout, String> {
     Layout::new(value, counter, encoder_count, status, order, 8)
 }
 
-struct Follower(Layout, Counting);
+struct Follower(Layout, CounterTracker);
 
 impl Follower {
     fn new(layout: Layout) -> Self {
-        let counting = Counting::new(layout.counter_width().map(|width| 1 << width));
+        let counting = CounterTracker::new(layout.counter_width().map(|width| 1 << width));
         Self(layout, counting)
     }
 

@@ -104,7 +104,7 @@ fn lines<T>(
     asked: &str,
     read: impl Fn(&str) -> Option<T>,
 ) -> Result<Vec<T>, SensorError> {
-    let strange = |line: &String| SensorError::Strange {
+    let strange = |line: &String| SensorError::UnexpectedDevice {
         text: format!("the capture holds `{line}` for `{asked}`"),
         remedy: "it was cut or changed".to_owned(),
     };
@@ -113,7 +113,7 @@ fn lines<T>(
 }
 
 fn ended() -> SensorError {
-    SensorError::Strange {
+    SensorError::UnexpectedDevice {
         text: "the capture holds no answer of the sensor here".to_owned(),
         remedy: "the run that was captured ended here".to_owned(),
     }

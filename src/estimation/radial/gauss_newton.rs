@@ -27,7 +27,7 @@ pub(super) fn careful<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, 
     let local: Vec<[f64; D]> =
         points.iter().map(|p| std::array::from_fn(|k| p[k] - origin[k])).collect();
     let centre = algebraic_centre(&local)?;
-    let (at, step) = converge(&local, About::new(&local, centre))?;
+    let (at, step) = converge(&local, PolarPoints::new(&local, centre))?;
     Ok(Radial {
         centre: std::array::from_fn(|k| origin[k] + at.centre[k]),
         radius: at.radius,
@@ -38,8 +38,8 @@ pub(super) fn careful<const D: usize>(points: &[[f64; D]]) -> Result<Radial<D>, 
 
 fn converge<const D: usize>(
     points: &[[f64; D]],
-    start: About<D>,
-) -> Result<(About<D>, LinearSolution), RadialError> {
+    start: PolarPoints<D>,
+) -> Result<(PolarPoints<D>, LinearSolution), RadialError> {
     let mut at = start;
     for count in 0..=MAX_STEPS {
         let step = at.step().ok_or(RadialError::NotConverged)?;
@@ -92,14 +92,14 @@ fn least_squares(a: &Mat<f64>, y: &[f64]) -> Option<LinearSolution> {
 }
 
 /// The points relative to a centre, in polar form.
-struct About<const D: usize> {
+struct PolarPoints<const D: usize> {
     centre: [f64; D],
     radius: f64,
     directions: Vec<[f64; D]>,
     residuals: Vec<f64>,
 }
 
-impl<const D: usize> About<D> {
+impl<const D: usize> PolarPoints<D> {
     /// The best radius for a given centre is the mean distance.
     fn new(points: &[[f64; D]], centre: [f64; D]) -> Self {
         let polar: Vec<([f64; D], f64)> = points.iter().map(|p| polar(p, &centre)).collect();

@@ -15,11 +15,11 @@ pub enum CanError {
     #[error("the CAN interface `{interface}` is down: {why}")]
     Down { interface: String, why: String },
     #[error("no frame {id} came on `{interface}`, and the bus has errors: {why}")]
-    Trouble { interface: String, id: String, why: String },
+    ErrorFrameClass { interface: String, id: String, why: String },
     #[error("the CAN controller of `{interface}` has left the bus ({why}): it hears nothing")]
     Off { interface: String, why: String },
     #[error("no frame {id} came on `{interface}`, but those of others did: {others}")]
-    Others { interface: String, id: String, others: String },
+    ForeignIdDetector { interface: String, id: String, others: String },
     #[error("the CAN interface `{interface}` could not be opened: {source}")]
     Open { interface: String, source: io::Error },
     #[error("the thread that listened to `{interface}` has ended")]
@@ -52,7 +52,7 @@ impl CanError {
                 "set it up as root with the sensor's bit rate: `ip link set {interface} up type can \
                  bitrate 500000` (of vcan: without `type` and what follows)"
             ),
-            Self::Trouble { interface, .. } => format!(
+            Self::ErrorFrameClass { interface, .. } => format!(
                 "compare the bit rate (`ip -details link show {interface}`) with the sensor's manual; \
                  see that both ends of the bus have 120 ohm and that CAN high and low are not swapped"
             ),
@@ -61,7 +61,7 @@ impl CanError {
                  `ip link set {interface} down`, `ip link set {interface} up`; `restart-ms 100` among its \
                  settings lets it do so by itself"
             ),
-            Self::Others { .. } => "compare `id` (and `extended`: 29 bits) of [sensor.can] with the \
+            Self::ForeignIdDetector { .. } => "compare `id` (and `extended`: 29 bits) of [sensor.can] with the \
                                     sensor's manual, and the number that is set at the sensor"
                 .to_owned(),
             Self::Open { .. } => "check `interface` of [sensor.can]".to_owned(),

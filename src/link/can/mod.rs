@@ -24,21 +24,21 @@ mod trouble;
 
 pub use error::CanError;
 pub use frame::{Frame, Id};
-pub use outlet::Outlet;
+pub use outlet::CanSender;
 
 /// Maximum number of frames in the queue to the reader: some seconds of the fastest sensor.
 const WAITING_FRAMES: usize = 4096;
 
 /// One event from the bus.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Heard {
+pub enum CanEvent {
     Frame(Frame),
     /// The interface is down or gone, with the reason. The driver opens the interface again once it is up.
     Down(String),
     /// The interface is up again; frames sent meanwhile are lost.
     Up,
     /// The bus has errors, with the description.
-    Trouble(String),
+    ErrorFrameClass(String),
     /// The controller is bus-off, with the description: it receives no frame until it is restarted.
     Off(String),
     /// At least this many frames were lost, because the queue was full or the controller could not receive them.
@@ -50,7 +50,7 @@ pub enum Heard {
 type OnDemand = Box<dyn FnMut() -> Option<Frame> + Send>;
 
 enum Source {
-    Listening(mpsc::Receiver<Heard>),
+    Listening(mpsc::Receiver<CanEvent>),
     OnDemand(OnDemand),
 }
 
@@ -71,7 +71,7 @@ impl Can {
     }
 
     /// Wraps the events that another task receives from a bus.
-    pub fn over(name: impl Into<String>, heard: mpsc::Receiver<Heard>) -> Self {
+    pub fn over(name: impl Into<String>, heard: mpsc::Receiver<CanEvent>) -> Self {
         Self { name: name.into(), source: Source::Listening(heard) }
     }
 
@@ -96,9 +96,9 @@ impl Can {
     ///
     /// # Errors
     /// The receiving thread has ended.
-    pub async fn next(&mut self, wait: Duration) -> Result<Option<Heard>, CanError> {
+    pub async fn next(&mut self, wait: Duration) -> Result<Option<CanEvent>, CanError> {
         match &mut self.source {
-            Source::OnDemand(source) => Ok(source().map(Heard::Frame)),
+            Source::OnDemand(source) => Ok(source().map(CanEvent::Frame)),
             // The dropped future waits on a channel, not on the device.
             Source::Listening(heard) => match timeout_at(Instant::now() + wait, heard.recv()).await
             {
@@ -113,7 +113,7 @@ impl Can {
     ///
     /// # Errors
     /// The receiving thread has ended.
-    pub fn waiting(&mut self) -> Result<Option<Heard>, CanError> {
+    pub fn waiting(&mut self) -> Result<Option<CanEvent>, CanError> {
         let Source::Listening(heard) = &mut self.source else { return Ok(None) };
         match heard.try_recv() {
             Ok(heard) => Ok(Some(heard)),

@@ -14,16 +14,16 @@ const MOST: usize = 8;
 
 /// Which identifiers the socket accepts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Ears {
+enum IdFilterState {
     /// Only the own identifier.
     Own,
     All,
     /// Other identifiers have been accepted since the last own frame.
-    Heard,
+    CanEvent,
 }
 
-pub(super) struct Others {
-    ears: Ears,
+pub(super) struct ForeignIdDetector {
+    ears: IdFilterState,
     /// Time of the last own frame, or the time at which the socket began to accept other identifiers.
     since: Instant,
     told: Vec<Id>,
@@ -31,33 +31,33 @@ pub(super) struct Others {
 
 /// Filter that the socket must use from now on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Turn {
+pub(super) enum IdFilterChange {
     All,
     Own,
 }
 
-impl Others {
+impl ForeignIdDetector {
     pub fn new(now: Instant) -> Self {
-        Self { ears: Ears::Own, since: now, told: Vec::new() }
+        Self { ears: IdFilterState::Own, since: now, told: Vec::new() }
     }
 
     /// Records a frame of the own identifier.
-    pub fn own(&mut self, now: Instant) -> Option<Turn> {
+    pub fn own(&mut self, now: Instant) -> Option<IdFilterChange> {
         let was = self.ears;
         *self = Self::new(now);
-        (was == Ears::All).then_some(Turn::Own)
+        (was == IdFilterState::All).then_some(IdFilterChange::Own)
     }
 
     /// Returns the filter that must be set because of the elapsed time; `None` if it stays.
-    pub fn passed(&mut self, now: Instant) -> Option<Turn> {
+    pub fn passed(&mut self, now: Instant) -> Option<IdFilterChange> {
         match self.ears {
-            Ears::Own if now - self.since >= SILENCE => {
-                (self.ears, self.since) = (Ears::All, now);
-                Some(Turn::All)
+            IdFilterState::Own if now - self.since >= SILENCE => {
+                (self.ears, self.since) = (IdFilterState::All, now);
+                Some(IdFilterChange::All)
             }
-            Ears::All if now - self.since >= LISTEN || self.told.len() == MOST => {
-                self.ears = Ears::Heard;
-                Some(Turn::Own)
+            IdFilterState::All if now - self.since >= LISTEN || self.told.len() == MOST => {
+                self.ears = IdFilterState::CanEvent;
+                Some(IdFilterChange::Own)
             }
             _ => None,
         }
@@ -65,7 +65,8 @@ impl Others {
 
     /// Records a frame of another identifier. Returns whether it must be reported.
     pub fn is_news(&mut self, id: Id) -> bool {
-        let news = self.ears == Ears::All && self.told.len() < MOST && !self.told.contains(&id);
+        let news =
+            self.ears == IdFilterState::All && self.told.len() < MOST && !self.told.contains(&id);
         if news {
             self.told.push(id);
         }
@@ -82,20 +83,20 @@ mod tests {
         let begun = Instant::now();
         let at = |ms| begun + Duration::from_millis(ms);
         let id = |raw| Id::new(raw, false).unwrap();
-        let mut others = Others::new(begun);
+        let mut others = ForeignIdDetector::new(begun);
         assert_eq!(others.passed(at(299)), None);
         assert!(!others.is_news(id(7)), "what the filter let through before it was set");
-        assert_eq!(others.passed(at(300)), Some(Turn::All));
+        assert_eq!(others.passed(at(300)), Some(IdFilterChange::All));
         assert!(others.is_news(id(7)) && !others.is_news(id(7)) && others.is_news(id(8)));
         assert_eq!(others.passed(at(1299)), None);
-        assert_eq!(others.passed(at(1300)), Some(Turn::Own));
+        assert_eq!(others.passed(at(1300)), Some(IdFilterChange::Own));
         assert_eq!(others.passed(at(9000)), None, "not again and again");
         assert_eq!(others.own(at(9000)), None);
-        assert_eq!(others.passed(at(9300)), Some(Turn::All));
-        assert_eq!(others.own(at(9301)), Some(Turn::Own), "at once");
+        assert_eq!(others.passed(at(9300)), Some(IdFilterChange::All));
+        assert_eq!(others.own(at(9301)), Some(IdFilterChange::Own), "at once");
         // On a busy bus, the socket accepts other identifiers only until enough are found.
-        assert_eq!(others.passed(at(9601)), Some(Turn::All));
+        assert_eq!(others.passed(at(9601)), Some(IdFilterChange::All));
         assert_eq!((0..20).filter(|raw| others.is_news(id(*raw))).count(), MOST);
-        assert_eq!(others.passed(at(9602)), Some(Turn::Own));
+        assert_eq!(others.passed(at(9602)), Some(IdFilterChange::Own));
     }
 }

@@ -6,12 +6,12 @@ use super::socket::{in_kernels_words, socket};
 use super::{CanError, Frame};
 
 /// Sends frames on an interface.
-pub struct Outlet {
+pub struct CanSender {
     interface: String,
     socket: CanSocket,
 }
 
-impl Outlet {
+impl CanSender {
     /// # Errors
     /// The kernel has no CAN, or the interface does not exist.
     pub fn open(interface: &str) -> Result<Self, CanError> {

@@ -8,11 +8,11 @@ use socketcan::{CanFrame, CanSocket, EmbeddedFrame, ShouldRetry, Socket};
 use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
 
-use super::others::{Others, Turn};
+use super::others::{ForeignIdDetector, IdFilterChange};
 use super::socket::{self, PAUSE, listening};
 use super::stamp::Stamps;
-use super::trouble::Trouble;
-use super::{CanError, Frame, Heard, Id, WAITING_FRAMES, interfaces};
+use super::trouble::ErrorFrameClass;
+use super::{CanError, CanEvent, Frame, Id, WAITING_FRAMES, interfaces};
 use crate::Clock;
 
 /// Opens the socket and starts the thread.
@@ -20,7 +20,7 @@ pub(super) fn start(
     interface: &str,
     id: Id,
     clock: Arc<dyn Clock>,
-) -> Result<mpsc::Receiver<Heard>, CanError> {
+) -> Result<mpsc::Receiver<CanEvent>, CanError> {
     let socket = listening(interface, id)?;
     let (heard, receiver) = mpsc::channel(WAITING_FRAMES);
     let interface = interface.to_owned();
@@ -37,7 +37,7 @@ struct Owner {
     interface: String,
     id: Id,
     stamps: Stamps,
-    heard: mpsc::Sender<Heard>,
+    heard: mpsc::Sender<CanEvent>,
     /// Frames lost since the last frame that fitted into the queue.
     lost: u32,
 }
@@ -49,19 +49,19 @@ impl Owner {
                 Some(why) => why,
                 None => return,
             };
-            self.turn(Heard::Down(why.to_string()));
+            self.turn(CanEvent::Down(why.to_string()));
             drop(socket);
             socket = match self.again() {
                 Some(socket) => socket,
                 None => return,
             };
-            self.turn(Heard::Up);
+            self.turn(CanEvent::Up);
         }
     }
 
     /// Reads until the interface fails, or until the handle is dropped (`None`).
     fn listen(&mut self, socket: &CanSocket) -> Option<io::Error> {
-        let mut others = Others::new(Instant::now());
+        let mut others = ForeignIdDetector::new(Instant::now());
         while !self.heard.is_closed() {
             let mut turn = others.passed(Instant::now());
             match socket.read_frame_with_timestamps() {
@@ -74,7 +74,7 @@ impl Owner {
                         }
                         // Frames of other identifiers can arrive before the filter is set, a moment after the
                         // socket is opened.
-                        Some(id) if others.is_news(id) => self.tell(Heard::Other(id)),
+                        Some(id) if others.is_news(id) => self.tell(CanEvent::Other(id)),
                         _ => {}
                     }
                 }
@@ -85,8 +85,8 @@ impl Owner {
                 Err(error) => return Some(error),
             }
             let turned = match turn {
-                Some(Turn::All) => socket::all(socket),
-                Some(Turn::Own) => socket::only(socket, self.id),
+                Some(IdFilterChange::All) => socket::all(socket),
+                Some(IdFilterChange::Own) => socket::only(socket, self.id),
                 None => Ok(()),
             };
             if let Err(error) = turned {
@@ -96,13 +96,13 @@ impl Owner {
         None
     }
 
-    fn trouble(&mut self, trouble: Trouble) {
+    fn trouble(&mut self, trouble: ErrorFrameClass) {
         match trouble {
-            Trouble::Errors(why) => self.tell(Heard::Trouble(why)),
-            Trouble::Off(why) => self.turn(Heard::Off(why)),
+            ErrorFrameClass::Errors(why) => self.tell(CanEvent::ErrorFrameClass(why)),
+            ErrorFrameClass::Off(why) => self.turn(CanEvent::Off(why)),
             // At least one frame is lost; the number is unknown.
-            Trouble::Missed => self.lost = self.lost.saturating_add(1),
-            Trouble::None => {}
+            ErrorFrameClass::Missed => self.lost = self.lost.saturating_add(1),
+            ErrorFrameClass::None => {}
         }
     }
 
@@ -121,19 +121,19 @@ impl Owner {
 
     /// Puts a frame into the queue; counts the frame as lost if the queue is full.
     fn pass_on(&mut self, frame: Frame) {
-        if self.lost > 0 && self.heard.try_send(Heard::Lost(self.lost)).is_ok() {
+        if self.lost > 0 && self.heard.try_send(CanEvent::Lost(self.lost)).is_ok() {
             self.lost = 0;
         }
         let full = |error| matches!(error, TrySendError::Full(_));
-        if self.lost > 0 || self.heard.try_send(Heard::Frame(frame)).is_err_and(full) {
+        if self.lost > 0 || self.heard.try_send(CanEvent::Frame(frame)).is_err_and(full) {
             self.lost = self.lost.saturating_add(1);
         }
     }
 
     /// Sends a change of state, and waits for room in the queue, behind the frames that arrived before. No frame
     /// can be missed meanwhile, because the interface delivers none.
-    fn turn(&mut self, heard: Heard) {
-        if self.lost > 0 && self.heard.blocking_send(Heard::Lost(self.lost)).is_ok() {
+    fn turn(&mut self, heard: CanEvent) {
+        if self.lost > 0 && self.heard.blocking_send(CanEvent::Lost(self.lost)).is_ok() {
             self.lost = 0;
         }
         // The receiver is dropped: `run` detects it.
@@ -141,7 +141,7 @@ impl Owner {
     }
 
     /// Sends a report that is neither frame nor state. It may be dropped, but it must not displace a frame.
-    fn tell(&self, heard: Heard) {
+    fn tell(&self, heard: CanEvent) {
         if self.heard.capacity() > WAITING_FRAMES / 2 {
             let _ = self.heard.try_send(heard);
         }
@@ -153,7 +153,7 @@ mod tests {
     use super::*;
     use crate::clock::HostClock;
 
-    fn owner() -> (Owner, mpsc::Receiver<Heard>) {
+    fn owner() -> (Owner, mpsc::Receiver<CanEvent>) {
         let (heard, receiver) = mpsc::channel(WAITING_FRAMES);
         let id = Id::new(0x181, false).unwrap();
         let stamps = Stamps::new(Arc::new(HostClock::start()));
@@ -170,13 +170,13 @@ mod tests {
             owner.pass_on(Frame::new(0.0, id, &[1]));
         }
         let told = std::thread::spawn(move || {
-            owner.turn(Heard::Down("off".to_owned()));
-            owner.turn(Heard::Up);
+            owner.turn(CanEvent::Down("off".to_owned()));
+            owner.turn(CanEvent::Up);
         });
         let frames = (0..WAITING_FRAMES).map(|_| receiver.blocking_recv());
-        assert!(frames.into_iter().all(|heard| matches!(heard, Some(Heard::Frame(_)))));
-        let rest: Vec<Heard> = std::iter::from_fn(|| receiver.blocking_recv()).collect();
-        assert_eq!(rest, [Heard::Lost(3), Heard::Down("off".to_owned()), Heard::Up]);
+        assert!(frames.into_iter().all(|heard| matches!(heard, Some(CanEvent::Frame(_)))));
+        let rest: Vec<CanEvent> = std::iter::from_fn(|| receiver.blocking_recv()).collect();
+        assert_eq!(rest, [CanEvent::Lost(3), CanEvent::Down("off".to_owned()), CanEvent::Up]);
         told.join().unwrap();
     }
 
@@ -184,17 +184,20 @@ mod tests {
     #[test]
     fn a_restart_and_an_overflow_are_told_before_the_next_frame() {
         let (mut owner, mut receiver) = owner();
-        owner.trouble(Trouble::Errors("stuffed".to_owned()));
-        owner.trouble(Trouble::Off("bus off".to_owned()));
-        owner.trouble(Trouble::Missed);
-        owner.trouble(Trouble::None);
+        owner.trouble(ErrorFrameClass::Errors("stuffed".to_owned()));
+        owner.trouble(ErrorFrameClass::Off("bus off".to_owned()));
+        owner.trouble(ErrorFrameClass::Missed);
+        owner.trouble(ErrorFrameClass::None);
         let frame = Frame::new(0.0, owner.id, &[1]);
         owner.pass_on(frame);
         owner.pass_on(frame);
         drop(owner);
-        let all: Vec<Heard> = std::iter::from_fn(|| receiver.blocking_recv()).collect();
+        let all: Vec<CanEvent> = std::iter::from_fn(|| receiver.blocking_recv()).collect();
         let (errors, off) =
-            (Heard::Trouble("stuffed".to_owned()), Heard::Off("bus off".to_owned()));
-        assert_eq!(all, [errors, off, Heard::Lost(1), Heard::Frame(frame), Heard::Frame(frame)]);
+            (CanEvent::ErrorFrameClass("stuffed".to_owned()), CanEvent::Off("bus off".to_owned()));
+        assert_eq!(
+            all,
+            [errors, off, CanEvent::Lost(1), CanEvent::Frame(frame), CanEvent::Frame(frame)]
+        );
     }
 }

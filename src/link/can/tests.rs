@@ -45,7 +45,7 @@ async fn on_demand_frames_come_when_asked_for_and_none_waits() {
     assert!(can.is_on_demand());
     assert_eq!(can.waiting().unwrap(), None);
     let wait = Duration::from_secs(1);
-    let frame = |t_s, byte| Some(Heard::Frame(Frame::new(t_s, id, &[byte])));
+    let frame = |t_s, byte| Some(CanEvent::Frame(Frame::new(t_s, id, &[byte])));
     assert_eq!(can.next(wait).await.unwrap(), frame(1.0, 1));
     assert_eq!(can.next(wait).await.unwrap(), frame(0.0, 0));
     assert_eq!(can.next(wait).await.unwrap(), None);

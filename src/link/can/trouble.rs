@@ -5,7 +5,7 @@ use socketcan::errors::{ControllerProblems, ErrorCause};
 
 /// Class of one error frame.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Trouble {
+pub(super) enum ErrorFrameClass {
     /// Bits that no node can decode. The sender sends the frame again.
     Errors(String),
     /// The controller is bus-off: it receives nothing until it is restarted.
@@ -19,7 +19,7 @@ pub(super) enum Trouble {
 /// State that a controller reports after recovery: error-active.
 const WELL: ControllerProblems = ControllerProblems::ACTIVE;
 
-impl From<CanError> for Trouble {
+impl From<CanError> for ErrorFrameClass {
     fn from(error: CanError) -> Self {
         let overflowed =
             |problems: ControllerProblems| problems.intersects(ControllerProblems::RX_OVERFLOW);
@@ -50,24 +50,26 @@ mod tests {
     use super::*;
 
     /// Makes an error frame; bits and bytes as in the kernel's `can/error.h`.
-    fn of(class: u32, data: &[u8]) -> Trouble {
+    fn of(class: u32, data: &[u8]) -> ErrorFrameClass {
         CanErrorFrame::new_error(class, data).unwrap().into_error().into()
     }
 
     #[test]
     fn error_frames_are_told_apart_by_what_they_mean_for_a_listener() {
         // Bus error with a protocol violation (stuff error), as at a wrong bit rate.
-        let Trouble::Errors(why) = of(0x88, &[0, 0, 0x04, 0, 0, 0, 0, 0]) else { panic!() };
+        let ErrorFrameClass::Errors(why) = of(0x88, &[0, 0, 0x04, 0, 0, 0, 0, 0]) else { panic!() };
         assert!(why.contains("bit stuffing error") && why.contains("bus error"), "{why}");
         // Error-passive, with the counters.
-        let Trouble::Errors(why) = of(0x204, &[0, 0x10, 0, 0, 0, 0, 0, 128]) else { panic!() };
+        let ErrorFrameClass::Errors(why) = of(0x204, &[0, 0x10, 0, 0, 0, 0, 0, 128]) else {
+            panic!()
+        };
         assert!(why.contains("rx passive") && why.contains("rx=128"), "{why}");
-        assert_eq!(of(0x40, &[]), Trouble::Off("bus off".to_owned()));
-        assert_eq!(of(0x100, &[]), Trouble::Missed);
-        assert_eq!(of(0x04, &[0, 0x01]), Trouble::Missed, "receive buffer overflow");
+        assert_eq!(of(0x40, &[]), ErrorFrameClass::Off("bus off".to_owned()));
+        assert_eq!(of(0x100, &[]), ErrorFrameClass::Missed);
+        assert_eq!(of(0x04, &[0, 0x01]), ErrorFrameClass::Missed, "receive buffer overflow");
         // Return to error-active, counters alone, lost arbitration: no fault.
-        assert_eq!(of(0x04, &[0, 0x40]), Trouble::None);
-        assert_eq!(of(0x200, &[0, 0, 0, 0, 0, 0, 3, 4]), Trouble::None);
-        assert_eq!(of(0x02, &[5]), Trouble::None);
+        assert_eq!(of(0x04, &[0, 0x40]), ErrorFrameClass::None);
+        assert_eq!(of(0x200, &[0, 0, 0, 0, 0, 0, 3, 4]), ErrorFrameClass::None);
+        assert_eq!(of(0x02, &[5]), ErrorFrameClass::None);
     }
 }

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::wire::Wire;
 use crate::address::{serial, tcp};
-use crate::capture::Speech;
+use crate::capture::LinkProtocol;
 use crate::wiring::Wired;
 use crate::{Address, LinkError, Named};
 
@@ -89,10 +89,10 @@ impl Line {
         }
     }
 
-    pub(super) fn speech(&self) -> Speech {
+    pub(super) fn speech(&self) -> LinkProtocol {
         match self.framing {
-            Framing::Rtu => Speech::ModbusRtu,
-            Framing::Tcp => Speech::ModbusTcp,
+            Framing::Rtu => LinkProtocol::ModbusRtu,
+            Framing::Tcp => LinkProtocol::ModbusTcp,
         }
     }
 

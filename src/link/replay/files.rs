@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use super::read::{Passed, Track};
+use super::read::{Track, Transfer};
 use super::{Said, Script};
 
 /// A written file (its name, a line feed, its text), and the reads until the next write.
@@ -30,10 +30,10 @@ impl Files {
         let mut exchanges = vec![Exchange::default()];
         for passed in &track.passed {
             match passed {
-                Passed::Sent(written) => {
+                Transfer::Sent(written) => {
                     exchanges.push(Exchange { written: written.clone(), ..Exchange::default() });
                 }
-                Passed::Came(said) => {
+                Transfer::StreamRead(said) => {
                     let Some(exchange) = exchanges.last_mut() else { continue };
                     let reads = exchange.reads.entry(name(&said.bytes).to_owned()).or_default();
                     reads.push(said.clone());

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 
-use super::read::{Passed, Track};
+use super::read::{Track, Transfer};
 use super::{Said, Script};
 
 const POLL: &[u8] = b"?";
@@ -38,7 +38,7 @@ impl Lines {
         let mut poll = POLL.to_vec();
         for passed in &track.passed {
             match passed {
-                Passed::Sent(bytes) => {
+                Transfer::Sent(bytes) => {
                     for command in cutter.cut(bytes) {
                         if is_poll(&command) {
                             poll = command;
@@ -53,7 +53,7 @@ impl Lines {
                         }
                     }
                 }
-                Passed::Came(said) => {
+                Transfer::StreamRead(said) => {
                     coming.extend(&said.bytes);
                     let Some(exchange) = exchanges.last_mut() else { continue };
                     while let Some(end) = coming.iter().position(|byte| *byte == b'\n') {

@@ -23,7 +23,7 @@ mod registers;
 #[cfg(test)]
 mod tests;
 
-use super::capture::Speech;
+use super::capture::LinkProtocol;
 use crate::Clock;
 use read::Track;
 
@@ -33,7 +33,7 @@ pub enum CaptureError {
     #[error("{file}: {source}")]
     File { file: String, source: io::Error },
     #[error("{file}, line {line}: {why}: this is no capture, or it was cut or changed")]
-    Spoilt { file: String, line: usize, why: String },
+    Undecodable { file: String, line: usize, why: String },
 }
 
 /// Captured data of a device, and its time.
@@ -64,8 +64,11 @@ impl Replay {
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
             .map_err(|source| CaptureError::File { file: file.clone(), source })?;
-        let tracks =
-            read::tracks(&text).map_err(|(line, why)| CaptureError::Spoilt { file, line, why })?;
+        let tracks = read::tracks(&text).map_err(|(line, why)| CaptureError::Undecodable {
+            file,
+            line,
+            why,
+        })?;
         Ok(Self { tracks: Arc::new(Mutex::new(tracks)), now_s: Arc::default() })
     }
 
@@ -76,7 +79,7 @@ impl Replay {
 
     /// Next link of this name. Names may have changed since the capture: without a match, the next link of the same
     /// protocol.
-    pub(super) fn player(&self, name: &str, speech: Speech) -> Player {
+    pub(super) fn player(&self, name: &str, speech: LinkProtocol) -> Player {
         let mut tracks = locked(&self.tracks);
         let speaks = |track: &Track| track.speech == speech;
         let named = tracks.iter().position(|track| speaks(track) && track.name == name);
@@ -103,10 +106,10 @@ impl Clock for Replay {
 
 fn script(track: &Track) -> Box<dyn Script> {
     match track.speech {
-        Speech::Lines | Speech::Samples => Box::new(lines::Lines::new(track)),
-        Speech::ModbusRtu => Box::new(registers::Registers::new(track, frames::Frames::Rtu)),
-        Speech::ModbusTcp => Box::new(registers::Registers::new(track, frames::Frames::Tcp)),
-        Speech::Files => Box::new(files::Files::new(track)),
+        LinkProtocol::Lines | LinkProtocol::Samples => Box::new(lines::Lines::new(track)),
+        LinkProtocol::ModbusRtu => Box::new(registers::Registers::new(track, frames::Frames::Rtu)),
+        LinkProtocol::ModbusTcp => Box::new(registers::Registers::new(track, frames::Frames::Tcp)),
+        LinkProtocol::Files => Box::new(files::Files::new(track)),
     }
 }
 

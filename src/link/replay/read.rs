@@ -1,21 +1,21 @@
 //! Reader of capture files.
 
 use super::Said;
-use crate::capture::{HEAD, Speech};
+use crate::capture::{HEAD, LinkProtocol};
 
 /// One link of a capture.
 pub(super) struct Track {
     pub(super) number: u32,
-    pub(super) speech: Speech,
+    pub(super) speech: LinkProtocol,
     pub(super) name: String,
-    pub(super) passed: Vec<Passed>,
+    pub(super) passed: Vec<Transfer>,
 }
 
 /// One transfer in one direction.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) enum Passed {
+pub(super) enum Transfer {
     Sent(Vec<u8>),
-    Came(Said),
+    StreamRead(Said),
 }
 
 /// # Errors
@@ -50,14 +50,14 @@ fn take(line: &str, tracks: &mut Vec<Track>) -> Result<(), &'static str> {
         ("=", Some(_)) => {}
         ("=", None) => {
             let (speech, name) = rest.split_once(' ').ok_or("the link has no name")?;
-            let known = Speech::ALL.into_iter().find(|known| known.name() == speech);
+            let known = LinkProtocol::ALL.into_iter().find(|known| known.name() == speech);
             let speech = known.ok_or("the link speaks in an unknown way")?;
             tracks.push(Track { number, speech, name: name.to_owned(), passed: Vec::new() });
         }
         (">" | "<", None) => return Err("the link was not opened"),
-        (">", Some(track)) => track.passed.push(Passed::Sent(unescape(rest)?)),
+        (">", Some(track)) => track.passed.push(Transfer::Sent(unescape(rest)?)),
         ("<", Some(track)) => {
-            track.passed.push(Passed::Came(Said { at_s, bytes: unescape(rest)? }));
+            track.passed.push(Transfer::StreamRead(Said { at_s, bytes: unescape(rest)? }));
         }
         _ => return Err("its mark is none of `=`, `>`, `<`"),
     }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::frames::{Body, Frames};
-use super::read::{Passed, Track};
+use super::read::{Track, Transfer};
 use super::{Said, Script};
 
 /// A write, and the reads until the next write.
@@ -47,7 +47,7 @@ impl Registers {
         let (mut sent, mut came) = (Vec::new(), Vec::new());
         for passed in &track.passed {
             match passed {
-                Passed::Sent(bytes) => {
+                Transfer::Sent(bytes) => {
                     sent.extend(bytes);
                     came.clear();
                     for (transaction, body) in frames.take(&mut sent) {
@@ -57,7 +57,7 @@ impl Registers {
                         open.push((transaction, body));
                     }
                 }
-                Passed::Came(said) => {
+                Transfer::StreamRead(said) => {
                     came.extend(&said.bytes);
                     for (transaction, bytes) in frames.take(&mut came) {
                         let fits = |asked: &(u16, Body)| {

@@ -97,7 +97,7 @@ async fn a_captured_talk_is_the_one_that_was_had() {
         ]
     );
     let tracks = read::tracks(&text).unwrap();
-    let read::Passed::Came(said) = &tracks[0].passed[1] else { panic!() };
+    let read::Transfer::StreamRead(said) = &tracks[0].passed[1] else { panic!() };
     assert_eq!(said.bytes, b"[MSG:a\\b \"c\"]\r\n");
 }
 

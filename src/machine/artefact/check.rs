@@ -10,7 +10,7 @@ use crate::record::artefact::{Ball, Balls, Length};
 /// One fault, the ball or length (counted from 0) that has it, and a text that follows the key.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("`{key}` {why}")]
-pub struct Flaw {
+pub struct ArtefactFault {
     pub of: Entry,
     pub key: &'static str,
     pub why: String,
@@ -22,7 +22,7 @@ pub enum Entry {
     Length(usize),
 }
 
-type Checked = Result<(), Flaw>;
+type Checked = Result<(), ArtefactFault>;
 
 /// # Errors
 /// The first fault: of single balls and of pairs in their order, then of the lengths.
@@ -46,7 +46,7 @@ struct At(Entry);
 
 impl At {
     fn that(&self, holds: bool, key: &'static str, why: impl FnOnce() -> String) -> Checked {
-        if holds { Ok(()) } else { Err(Flaw { of: self.0, key, why: why() }) }
+        if holds { Ok(()) } else { Err(ArtefactFault { of: self.0, key, why: why() }) }
     }
 }
 

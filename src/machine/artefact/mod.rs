@@ -4,7 +4,7 @@ mod check;
 mod observation;
 mod part;
 
-pub use check::{Entry, Flaw, check};
+pub use check::{ArtefactFault, Entry, check};
 pub use observation::{CylinderOnTable, ObservationError, ObservedSurface};
 pub use part::{Part, Shape, parts};
 

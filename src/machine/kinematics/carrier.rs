@@ -23,7 +23,7 @@ pub enum Side {
 
 /// The joints between the bed and a carrier, beginning at the bed.
 #[derive(Debug, Clone)]
-pub struct Carried {
+pub struct CarrierChain {
     side: Side,
     joints: Vec<Joint>,
 }
@@ -31,11 +31,11 @@ pub struct Carried {
 /// A carrier during a motion. The proof evaluates a motion at many points, and most joints do not move in most
 /// motions: the pose of such a joint, with its sine and cosine, is computed once.
 #[derive(Debug)]
-pub struct Going<'a>(Vec<(&'a Joint, Option<Pose>)>);
+pub struct CarrierMotion<'a>(Vec<(&'a Joint, Option<Pose>)>);
 
 impl Chain {
     /// Joints of `carrier`; `None` if the machine does not have its axis.
-    pub fn carried(&self, carrier: Carrier) -> Option<Carried> {
+    pub fn carried(&self, carrier: Carrier) -> Option<CarrierChain> {
         let up_to = |branch: &[Joint], axis: Axis| {
             let last = branch.iter().position(|joint| joint.axis() == axis)?;
             Some(branch.iter().take(last + 1).cloned().collect())
@@ -52,11 +52,11 @@ impl Chain {
                 None => (Side::Tool, up_to(&self.tool, axis)?),
             },
         };
-        Some(Carried { side, joints })
+        Some(CarrierChain { side, joints })
     }
 }
 
-impl Carried {
+impl CarrierChain {
     /// Pose of the carrier in the machine frame.
     pub fn pose(&self, commands: &Commands) -> Pose {
         self.joints.iter().rev().fold(Pose::identity(), |pose, joint| {
@@ -88,16 +88,16 @@ impl Carried {
     }
 
     /// The carrier during the motion from `from` to `to`.
-    pub fn going(&self, from: &Commands, to: &Commands) -> Going<'_> {
+    pub fn going(&self, from: &Commands, to: &Commands) -> CarrierMotion<'_> {
         let joint = |joint| {
             let [from, to] = [from, to].map(|place| place[Joint::axis(joint) as usize]);
             (joint, (from == to).then(|| joint.nominal(from)))
         };
-        Going(self.joints.iter().map(joint).collect())
+        CarrierMotion(self.joints.iter().map(joint).collect())
     }
 }
 
-impl Going<'_> {
+impl CarrierMotion<'_> {
     /// Pose of the carrier in the machine frame at `middle`, and a bound, mm, on the displacement of any point of a
     /// body from its position at `middle`. The bound holds while every axis stays within `half` of `middle`, on any
     /// path of the axes. The body lies in the convex hull of balls of `radius` about `corners` (carrier frame).

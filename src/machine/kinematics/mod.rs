@@ -17,7 +17,7 @@ mod table_axis;
 mod topology;
 
 pub use axis_line::AxisLine;
-pub use carrier::{Carried, Commands, Going, Side};
+pub use carrier::{CarrierChain, CarrierMotion, Commands, Side};
 pub use chain::Chain;
 pub use parameter::{ErrorParameter, ErrorTerm, ParameterError, Shape};
 pub use table_axis::TableAxis;

@@ -70,12 +70,12 @@ pub struct Parameter {
     pub budget: Vec<BudgetLine>,
     /// Judgement against the limit, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub judged: Option<Judgement>,
+    pub judged: Option<LimitVerdict>,
 }
 
 /// Judgement of a parameter against its limit.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Judgement {
+pub struct LimitVerdict {
     /// Maximum |value|, in the parameter's unit.
     pub limit: f64,
     pub verdict: Verdict,
@@ -338,7 +338,7 @@ pub struct Provenance {
 
 /// Smallest detectable deviation of one measurement.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SmallestFound {
+pub struct DetectableDeviation {
     /// Label from the plan.
     pub label: String,
     /// Deviation that is detected with a probability of 95 %; absent if no other measurement checks it.
@@ -390,7 +390,7 @@ pub struct Estimate {
     pub outliers: Vec<Outlier>,
     /// Smallest detectable deviation of each measurement that is compared with all others.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub smallest_found: Vec<SmallestFound>,
+    pub smallest_found: Vec<DetectableDeviation>,
     /// Hashes of the estimates that are used as known values.
     pub priors: Vec<String>,
     /// Measured ranges of the axes, mm and degrees.

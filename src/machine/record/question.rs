@@ -93,5 +93,5 @@ pub enum Seen {
     /// The axis moved by this distance instead: mm or degrees, negative in the opposite direction.
     Distance(f64),
     /// The operator did not see the motion clearly: repeat the jog.
-    Again,
+    ResumableRun,
 }

@@ -13,12 +13,12 @@ use planning::{BallDoubt, MeasuredBall, measured_ball};
 
 /// Found positions of each ball: visit and centre, table frame, mm, the newest last.
 #[derive(Debug, Default)]
-pub struct Known {
+pub struct FoundBalls {
     found: Vec<Vec<(usize, Vector3<f64>)>>,
 }
 
 /// One measurement of a ball: its steps and their newest readings.
-pub struct Taken<'a> {
+pub struct BallMeasurement<'a> {
     pub label: Label,
     /// Index of the ball.
     pub ball: usize,
@@ -26,7 +26,7 @@ pub struct Taken<'a> {
     pub readings: Vec<&'a Reading>,
 }
 
-impl Known {
+impl FoundBalls {
     /// Positions from the plan's steps and their readings; incomplete measurements are ignored.
     pub fn of(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Self {
         Self::of_taken(setup, &taken(setup, readings))
@@ -34,7 +34,7 @@ impl Known {
 
     pub fn of_taken<'t, 'r: 't>(
         setup: &MeasurementSetup<'_>,
-        all: impl IntoIterator<Item = &'t Taken<'r>>,
+        all: impl IntoIterator<Item = &'t BallMeasurement<'r>>,
     ) -> Self {
         let mut found = vec![Vec::new(); setup.balls.balls.len()];
         for taken in all {
@@ -90,7 +90,7 @@ impl Known {
     }
 }
 
-impl Taken<'_> {
+impl BallMeasurement<'_> {
     /// The measured ball by the nominal machine. `None`: touches are missing.
     pub fn measured(
         &self,
@@ -104,7 +104,10 @@ impl Taken<'_> {
 }
 
 /// All measurements in the plan's steps, in their order.
-pub fn taken<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Reading]) -> Vec<Taken<'a>> {
+pub fn taken<'a>(
+    setup: &MeasurementSetup<'a>,
+    readings: &'a [Reading],
+) -> Vec<BallMeasurement<'a>> {
     let mut newest: BTreeMap<u32, &Reading> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.repeat < REPEAT_AFTER_STOP) {
         let of_step = newest.entry(reading.step).or_insert(reading);
@@ -112,7 +115,7 @@ pub fn taken<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Reading]) -> Vec<T
             *of_step = reading;
         }
     }
-    let mut all: Vec<Taken<'_>> = Vec::new();
+    let mut all: Vec<BallMeasurement<'_>> = Vec::new();
     for step in &setup.plan.steps {
         let Ok(label) = step.label.parse::<Label>() else { continue };
         let Some(ball) = setup.balls.balls.iter().position(|ball| ball.id == label.ball) else {
@@ -123,7 +126,7 @@ pub fn taken<'a>(setup: &MeasurementSetup<'a>, readings: &'a [Reading]) -> Vec<T
                 == (label.pass, label.indexation, &label.ball)
         };
         if !all.last().is_some_and(|last| same(&last.label)) {
-            all.push(Taken { label, ball, steps: Vec::new(), readings: Vec::new() });
+            all.push(BallMeasurement { label, ball, steps: Vec::new(), readings: Vec::new() });
         }
         if let Some(last) = all.last_mut() {
             last.steps.push(step);

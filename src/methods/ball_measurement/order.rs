@@ -5,7 +5,7 @@ use super::setup::{Find, MeasurementSetup, Visit};
 use crate::Refused;
 use machine::record::machine::Machine;
 use machine::{Axis, Position};
-use planning::{Access, Ways};
+use planning::{Access, TravelTimes};
 
 /// Orders the balls of each visit along a short path; the order of the visits does not change. If the balls
 /// of a visit are searched for first, they are measured on the way back, and the visit ends at the ball where
@@ -28,7 +28,7 @@ pub fn balls_in_order(
             why: error.to_string(),
             instead: "correct [axes] in the machine file".to_owned(),
         })?;
-        let order = Ways::in_xy(&places, stands.as_ref(), &setup.plan.machine).tour(1);
+        let order = TravelTimes::in_xy(&places, stands.as_ref(), &setup.plan.machine).tour(1);
         let end = if back { order.first() } else { order.last() };
         stands = end.and_then(|place| places.get(*place)).cloned().or(stands);
         visit.balls = order.iter().filter_map(|place| visit.balls.get(*place).copied()).collect();

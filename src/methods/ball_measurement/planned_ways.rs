@@ -1,13 +1,13 @@
 //! Order of the balls of an indexation and of the touches of each ball, from the times of the planned paths.
 
 use super::setup::{MeasurementSetup, Visit, describe_position};
-use super::touch_order::{Around, BallWays, quickest};
+use super::touch_order::{BallWays, TouchOrder, quickest};
 use crate::Refused;
 use machine::Position;
 use machine::record::artefact::{Artefact, Balls};
 use machine::record::motion::Block;
 use machine::record::plan::{Plan, Step, StepKind};
-use planning::{Access, Approach, Clearance, Confirmed, Start, Ways};
+use planning::{Access, Approach, Clearance, Confirmed, Start, TravelTimes};
 use planning::{end_of, machine_time_s, step_blocks};
 use rayon::prelude::*;
 
@@ -41,7 +41,7 @@ pub fn balls_by_planned_ways(
         let balls: Vec<&Vec<Step>> = order.iter().filter_map(|place| balls.get(*place)).collect();
         let around = match setup.touch.touches {
             TOUCHES_WITHOUT_FORM => quickest(&planner.ball_ways(&balls, stands.as_ref())?),
-            _ => vec![Around::default(); balls.len()],
+            _ => vec![TouchOrder::default(); balls.len()],
         };
         if let (Some(steps), Some(around)) = (balls.last(), around.last()) {
             let steps = around.applied(steps.iter().collect());
@@ -98,7 +98,7 @@ impl WayPlanner<'_> {
         let from = |from: &Position| self.ways_s(from, balls);
         let between = ends.par_iter().map(from).collect::<Result<Vec<_>, _>>()?;
         let from_stand = stands.map(from).transpose()?;
-        Ok(Ways { between, from_stand }.tour(FIRSTS))
+        Ok(TravelTimes { between, from_stand }.tour(FIRSTS))
     }
 
     /// Path times of the balls in their order, from the current position of the machine.
@@ -128,7 +128,7 @@ impl WayPlanner<'_> {
     fn ways_s(&self, from: &Position, balls: &[Vec<Step>]) -> Result<Vec<f64>, Refused> {
         let places: Vec<Position> =
             balls.iter().filter_map(|steps| steps.first()).map(|step| step.from.clone()).collect();
-        let in_xy = Ways::in_xy(&places, Some(from), &self.plan.machine).from_stand;
+        let in_xy = TravelTimes::in_xy(&places, Some(from), &self.plan.machine).from_stand;
         let mut seconds = in_xy.unwrap_or_default();
         let mut order: Vec<usize> = (0..seconds.len()).collect();
         order.sort_by(|a, b| seconds[*a].total_cmp(&seconds[*b]));

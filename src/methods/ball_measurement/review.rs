@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::known::{Known, Taken, taken};
+use super::known::{BallMeasurement, FoundBalls, taken};
 use super::label::Pass;
 use super::setup::{MeasurementSetup, describe_position};
 use crate::Refused;
@@ -24,7 +24,7 @@ pub fn review(
 ) -> Result<Option<(Vec<u32>, u32)>, Refused> {
     let all = taken(setup, readings);
     let of_stage =
-        |taken: &&Taken<'_>| taken.steps.iter().any(|step| last.steps.contains(&step.id));
+        |taken: &&BallMeasurement<'_>| taken.steps.iter().any(|step| last.steps.contains(&step.id));
     let mut again = Vec::new();
     for taken in all.iter().filter(of_stage) {
         // After a stop the operator has checked the ball and may have cleaned it.
@@ -48,7 +48,7 @@ pub fn review(
 
 /// Reason to reject a measurement. Fast touches trigger late, and the first ones are not along the normals;
 /// for them it is sufficient that they lie on a sphere.
-fn fault(setup: &MeasurementSetup<'_>, taken: &Taken<'_>) -> Option<BallDoubt> {
+fn fault(setup: &MeasurementSetup<'_>, taken: &BallMeasurement<'_>) -> Option<BallDoubt> {
     let measured = match taken.measured(setup)? {
         Ok(measured) => measured,
         Err(doubt) => return Some(doubt),
@@ -82,7 +82,7 @@ pub fn way_on(setup: &MeasurementSetup<'_>) -> &'static str {
     }
 }
 
-fn name(setup: &MeasurementSetup<'_>, taken: &Taken<'_>) -> String {
+fn name(setup: &MeasurementSetup<'_>, taken: &BallMeasurement<'_>) -> String {
     let ball = setup.balls.balls.get(taken.ball).map_or("", |ball| &ball.id);
     let at = taken.steps.first().map(|step| step.from.only(|axis: Axis| !axis.is_linear()));
     format!("ball {ball} at {}", describe_position(&at.unwrap_or_default()))
@@ -91,8 +91,8 @@ fn name(setup: &MeasurementSetup<'_>, taken: &Taken<'_>) -> String {
 /// Checks that a ball is within the position uncertainty of its expected position.
 fn check_place(
     setup: &MeasurementSetup<'_>,
-    all: &[Taken<'_>],
-    taken: &Taken<'_>,
+    all: &[BallMeasurement<'_>],
+    taken: &BallMeasurement<'_>,
 ) -> Result<(), Refused> {
     let (Some(Ok(measured)), Some(ball)) =
         (taken.measured(setup), setup.balls.balls.get(taken.ball))
@@ -103,9 +103,9 @@ fn check_place(
         return Ok(());
     }
     // The results of its own stage were unknown when the stage was planned.
-    let stage = |of: &Taken<'_>| (of.label.pass, of.label.indexation);
+    let stage = |of: &BallMeasurement<'_>| (of.label.pass, of.label.indexation);
     let before = all.iter().take_while(|other| stage(other) != stage(taken));
-    let known = Known::of_taken(setup, before);
+    let known = FoundBalls::of_taken(setup, before);
     let stated = Vector3::from(ball.centre_mm);
     let expected = known.centre(setup, taken.ball, taken.label.indexation as usize);
     let (away, limit) =

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::touch_order::Around;
+use super::touch_order::TouchOrder;
 use crate::Refused;
 use machine::record::artefact::{Artefact, Ball, Balls};
 use machine::record::plan::Plan;
@@ -28,7 +28,7 @@ pub struct Visit {
     pub at: Position,
     pub balls: Vec<usize>,
     /// Order of the touches of a ball in a slow measurement, by ball; the default order if absent.
-    pub around: BTreeMap<usize, Around>,
+    pub around: BTreeMap<usize, TouchOrder>,
 }
 
 impl Visit {

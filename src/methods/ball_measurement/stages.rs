@@ -1,6 +1,6 @@
 //! Choice of the next stage: the tasks of a list of visits, one stage each.
 
-use super::known::Known;
+use super::known::FoundBalls;
 use super::label::{Label, Pass};
 use super::review::review;
 use super::setup::{Find, MeasurementSetup, TouchSettings, Visit, describe_position};
@@ -35,12 +35,12 @@ pub fn next(
 ) -> Result<Next, Refused> {
     let id = done.last().map_or(0, |stage| stage.id + 1);
     let (known, one_more) = match source {
-        Source::Nominal => (Known::nominal(setup), false),
+        Source::Nominal => (FoundBalls::nominal(setup), false),
         Source::Measured(readings) => {
             if let Some(stage) = once_more(setup, done, readings, id)? {
                 return Ok(Next::Stage { stage, new_steps: Vec::new() });
             }
-            (Known::of(setup, readings), watch::needs_a_round(setup, readings)?)
+            (FoundBalls::of(setup, readings), watch::needs_a_round(setup, readings)?)
         }
     };
     let tasks = tasks(setup, visits, rounds_of_watch(setup) + usize::from(one_more));
@@ -141,7 +141,7 @@ pub fn machine_time_s(setup: &MeasurementSetup<'_>, visits: &[Visit]) -> Result<
     let mut stages = Vec::new();
     for (id, task) in (0..).zip(tasks(setup, visits, 0)) {
         let grown = setup.with(&plan);
-        let (planned, steps) = stage(&grown, visits, &task, &Known::nominal(&grown), id)?;
+        let (planned, steps) = stage(&grown, visits, &task, &FoundBalls::nominal(&grown), id)?;
         plan.steps.extend(steps);
         stages.push(planned);
     }
@@ -156,7 +156,7 @@ fn stage(
     setup: &MeasurementSetup<'_>,
     visits: &[Visit],
     task: &Task,
-    known: &Known,
+    known: &FoundBalls,
     id: u32,
 ) -> Result<(Stage, Vec<Step>), Refused> {
     let steps = match task.pass {
@@ -192,7 +192,7 @@ fn new_steps(
     setup: &MeasurementSetup<'_>,
     visits: &[Visit],
     task: &Task,
-    known: &Known,
+    known: &FoundBalls,
 ) -> Result<Vec<Step>, Refused> {
     let Some(visit) = visits.get(task.visit) else { return Ok(Vec::new()) };
     let thought = found(setup, task, known);
@@ -249,7 +249,7 @@ fn again(setup: &MeasurementSetup<'_>, task: &Task) -> Vec<Step> {
 
 /// The artefact with the balls at their found positions. `None` until all balls are found, because only the
 /// stated positions are known until then.
-fn found(setup: &MeasurementSetup<'_>, task: &Task, known: &Known) -> Option<Artefact> {
+fn found(setup: &MeasurementSetup<'_>, task: &Task, known: &FoundBalls) -> Option<Artefact> {
     if !known.all() {
         return None;
     }

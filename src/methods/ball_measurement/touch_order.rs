@@ -2,7 +2,7 @@
 
 /// Order of the touches of a ball.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Around {
+pub struct TouchOrder {
     /// Index of the first of the touches around the ball.
     first: usize,
     backward: bool,
@@ -20,7 +20,7 @@ pub struct BallWays {
     pub within: Vec<Vec<f64>>,
 }
 
-impl Around {
+impl TouchOrder {
     /// All orders: from neighbour to neighbour in either sense, from any start, with the pole first or last.
     fn all(touches: usize) -> Vec<Self> {
         let firsts = 0..touches.saturating_sub(1).max(1);
@@ -49,7 +49,7 @@ impl Around {
 
 /// One of the orders of a ball, and the shortest time to its last touch.
 struct Reached {
-    around: Around,
+    around: TouchOrder,
     order: Vec<usize>,
     seconds: f64,
     /// Index of the order of the previous ball.
@@ -58,7 +58,7 @@ struct Reached {
 
 /// Orders of the touches of the balls, one ball after the other, with the shortest total path time (dynamic
 /// programming over the last touch of each ball).
-pub fn quickest(balls: &[BallWays]) -> Vec<Around> {
+pub fn quickest(balls: &[BallWays]) -> Vec<TouchOrder> {
     let mut reached: Vec<Vec<Reached>> = Vec::new();
     for ways in balls {
         let next = reach(ways, reached.last().map_or(&[], Vec::as_slice));
@@ -69,7 +69,7 @@ pub fn quickest(balls: &[BallWays]) -> Vec<Around> {
         times.min_by(|a, b| a.1.seconds.total_cmp(&b.1.seconds)).map(|(number, _)| number)
     };
     let mut number = reached.last().and_then(shortest).unwrap_or_default();
-    let mut chosen: Vec<Around> = Vec::new();
+    let mut chosen: Vec<TouchOrder> = Vec::new();
     for all in reached.iter().rev() {
         let Some(this) = all.get(number) else { break };
         chosen.push(this.around);
@@ -84,7 +84,7 @@ fn reach(ways: &BallWays, before: &[Reached]) -> Vec<Reached> {
         table.get(from).and_then(|row| row.get(to)).copied().unwrap_or_default()
     };
     let touches = ways.within.len();
-    let one = |around: Around| {
+    let one = |around: TouchOrder| {
         let order = around.applied((0..touches).collect());
         let first = order.first().copied().unwrap_or_default();
         let pairs = order.windows(2);
@@ -98,7 +98,7 @@ fn reach(ways: &BallWays, before: &[Reached]) -> Vec<Reached> {
             .unwrap_or((0, seconds(&ways.entering, 0, first)));
         Reached { around, order, seconds: entered + within, before }
     };
-    Around::all(touches).into_iter().map(one).collect()
+    TouchOrder::all(touches).into_iter().map(one).collect()
 }
 
 #[cfg(test)]
@@ -120,14 +120,14 @@ mod tests {
     #[test]
     fn the_touches_go_round_from_any_of_them_the_pole_before_or_after() {
         let applied = |first, backward, pole_first| {
-            let around = Around { first, backward, pole_first };
+            let around = TouchOrder { first, backward, pole_first };
             around.applied(vec!["+45", "+135", "-135", "-45", "pole"]).join(" ")
         };
         assert_eq!(applied(0, false, false), "+45 +135 -135 -45 pole");
         assert_eq!(applied(2, false, true), "pole -135 -45 +45 +135");
         assert_eq!(applied(2, true, false), "-135 +135 +45 -45 pole");
-        assert!(Around::default().applied(Vec::<u8>::new()).is_empty());
-        let four = Around { first: 3, ..Around::default() }.applied(vec![1, 2, 3, 9]);
+        assert!(TouchOrder::default().applied(Vec::<u8>::new()).is_empty());
+        let four = TouchOrder { first: 3, ..TouchOrder::default() }.applied(vec![1, 2, 3, 9]);
         assert_eq!(four, [1, 2, 3, 9]);
     }
 
@@ -145,7 +145,7 @@ mod tests {
         let balls = [ball(1, 5), ball(5, 4), ball(4, 5)];
         let orders = [5, 4, 5].map(|count| {
             let touches: Vec<usize> = (0..count).collect();
-            let all = Around::all(count).into_iter();
+            let all = TouchOrder::all(count).into_iter();
             all.map(|around| around.applied(touches.clone())).collect::<Vec<_>>()
         });
         let mut best = f64::INFINITY;

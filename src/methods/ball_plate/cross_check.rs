@@ -121,7 +121,7 @@ fn without_drift(solved: &Solved<'_>) -> Vec<Vector3<f64>> {
     let drift = design.layout.drift(1, 0)..design.layout.place(0, 0);
     let fitted = |row: usize| drift.clone().map(|j| a[(row, j)] * solution.x[j]).sum::<f64>();
     let sightings = measured.sightings.iter().enumerate();
-    let of_sighting = |(i, sighting): (usize, &super::equations::Sighting)| {
+    let of_sighting = |(i, sighting): (usize, &super::equations::BallObservation)| {
         sighting.deviation - Vector3::from_fn(|axis, _| fitted(3 * i + axis))
     };
     sightings.map(of_sighting).collect()

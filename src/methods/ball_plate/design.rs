@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use super::basis::Basis;
-use super::equations::{Sighting, survey};
+use super::equations::{BallObservation, survey};
 use super::layout::{Layout, Stop};
 use super::plate::Plate;
 use super::settings::Settings;
@@ -92,7 +92,7 @@ impl Design {
 
     /// Sightings as if every ball were at its stated position, with the machine frame parallel to the table
     /// frame.
-    fn nominal(&self, settings: &Settings, plate: &Plate<'_>) -> Vec<Sighting> {
+    fn nominal(&self, settings: &Settings, plate: &Plate<'_>) -> Vec<BallObservation> {
         let count = self.stops.len().max(2) as f64;
         let mut sightings = Vec::new();
         for (i, (stop, number)) in self.stops.iter().zip(&self.numbers).enumerate() {
@@ -103,7 +103,7 @@ impl Design {
             for (ball, radial) in plate.radial.iter().enumerate() {
                 let height = plate.height_mm();
                 let at = turned * radial * plate.radius_mm + Vector3::z() * height;
-                sightings.push(Sighting {
+                sightings.push(BallObservation {
                     stop: i,
                     ball,
                     place: plate.place(ball, *number, settings.positions),

@@ -11,7 +11,7 @@ use estimation::linear::{
 
 /// One measurement of a ball at one stop.
 #[derive(Debug, Clone)]
-pub struct Sighting {
+pub struct BallObservation {
     pub stop: usize,
     pub ball: usize,
     /// Index of the measuring position.
@@ -30,7 +30,7 @@ pub struct Sighting {
 }
 
 /// Design matrix: deviations of all sightings as linear functions of the unknowns, three rows per sighting.
-pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[Sighting]) -> Mat<f64> {
+pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[BallObservation]) -> Mat<f64> {
     let mut a = Mat::zeros(3 * sightings.len(), layout.unknowns());
     for (i, sighting) in sightings.iter().enumerate() {
         let mut set = |j: usize, column: Vector3<f64>| {
@@ -69,7 +69,7 @@ pub fn matrix(layout: &Layout, stops: &[Stop], sightings: &[Sighting]) -> Mat<f6
 pub fn solve(
     layout: &Layout,
     stops: &[Stop],
-    sightings: &[Sighting],
+    sightings: &[BallObservation],
     sigma: &[f64],
 ) -> Result<(Mat<f64>, LinearSolution), LinearError> {
     let a = matrix(layout, stops, sightings);
@@ -91,7 +91,7 @@ pub fn solve(
 pub fn survey(
     layout: &Layout,
     stops: &[Stop],
-    sightings: &[Sighting],
+    sightings: &[BallObservation],
     with_gauge: bool,
 ) -> Result<Survey, LinearError> {
     let a = matrix(layout, stops, sightings);

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::equations::Sighting;
+use super::equations::BallObservation;
 use super::layout::{COMPONENTS, Layout, Stop};
 use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
 
@@ -17,20 +17,20 @@ use estimation::linear::{LinearProblem, RANK_THRESHOLD, solve};
 pub fn four_steps(
     layout: &Layout,
     stops: &[Stop],
-    sightings: &[Sighting],
+    sightings: &[BallObservation],
     deviations: &[Vector3<f64>],
 ) -> Option<Vec<f64>> {
     // 1. The measuring positions: every ball visits each, and the mean of the error motions there is zero.
     let places = means(sightings, deviations, |sighting| sighting.place);
     let from_place =
-        |(sighting, value): (&Sighting, &Vector3<f64>)| value - places[&sighting.place];
+        |(sighting, value): (&BallObservation, &Vector3<f64>)| value - places[&sighting.place];
     let corrected: Vec<Vector3<f64>> = sightings.iter().zip(deviations).map(from_place).collect();
     // 2. The plate: each ball over all stops, in the table frame.
     let to_table =
-        |(sighting, value): (&Sighting, &Vector3<f64>)| sighting.by_ball.transpose() * value;
+        |(sighting, value): (&BallObservation, &Vector3<f64>)| sighting.by_ball.transpose() * value;
     let on_table: Vec<Vector3<f64>> = sightings.iter().zip(&corrected).map(to_table).collect();
     let balls = means(sightings, &on_table, |sighting| sighting.ball);
-    let from_ball = |(sighting, value): (&Sighting, &Vector3<f64>)| {
+    let from_ball = |(sighting, value): (&BallObservation, &Vector3<f64>)| {
         value - sighting.by_ball * balls[&sighting.ball]
     };
     let of_table: Vec<Vector3<f64>> = sightings.iter().zip(&corrected).map(from_ball).collect();
@@ -43,9 +43,9 @@ pub fn four_steps(
 }
 
 fn means<K: Ord>(
-    sightings: &[Sighting],
+    sightings: &[BallObservation],
     values: &[Vector3<f64>],
-    key: impl Fn(&Sighting) -> K,
+    key: impl Fn(&BallObservation) -> K,
 ) -> BTreeMap<K, Vector3<f64>> {
     let mut groups: BTreeMap<K, Vec<Vector3<f64>>> = BTreeMap::new();
     for (sighting, value) in sightings.iter().zip(values) {
@@ -59,14 +59,14 @@ fn means<K: Ord>(
 /// The six error motions at each stop from the `values` of the sightings, mm and rad. Stops whose balls do
 /// not determine them are left out.
 pub fn rigid_bodies(
-    sightings: &[Sighting],
+    sightings: &[BallObservation],
     values: &[Vector3<f64>],
 ) -> BTreeMap<usize, [f64; COMPONENTS.len()]> {
-    let mut of_stop: BTreeMap<usize, Vec<(&Sighting, &Vector3<f64>)>> = BTreeMap::new();
+    let mut of_stop: BTreeMap<usize, Vec<(&BallObservation, &Vector3<f64>)>> = BTreeMap::new();
     for (sighting, value) in sightings.iter().zip(values) {
         of_stop.entry(sighting.stop).or_default().push((sighting, value));
     }
-    let body = |visits: Vec<(&Sighting, &Vector3<f64>)>| {
+    let body = |visits: Vec<(&BallObservation, &Vector3<f64>)>| {
         let a = Mat::from_fn(3 * visits.len(), COMPONENTS.len(), |i, k| {
             visits[i / 3].0.by_motion[k][i % 3]
         });

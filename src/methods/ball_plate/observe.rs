@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use nalgebra::Vector3;
 
 use super::design::Design;
-use super::equations::Sighting;
+use super::equations::BallObservation;
 use super::layout::COMPONENTS;
 use super::plate::Plate;
 use super::settings::Settings;
@@ -21,7 +21,7 @@ pub struct Measured {
     /// The slow measurements only, in order of time.
     pub observed: Observed,
     /// The sighting of each of `observed.centres`.
-    pub sightings: Vec<Sighting>,
+    pub sightings: Vec<BallObservation>,
     /// Position of each ball from its first measurement with the nominal machine, table frame, mm.
     pub expected: Vec<Vector3<f64>>,
 }
@@ -57,7 +57,7 @@ pub fn measured(
     let (begin, end) = times().fold((f64::MAX, f64::MIN), |(a, b), t| (a.min(t), b.max(t)));
     let (middle, half) = ((begin + end) / 2.0, ((end - begin) / 2.0).max(f64::MIN_POSITIVE));
     let segments = segments(plan, &observed.centres);
-    let sighting = |(i, centre): (usize, &BallCentre)| -> Result<Sighting, KinematicsError> {
+    let sighting = |(i, centre): (usize, &BallCentre)| -> Result<BallObservation, KinematicsError> {
         let stop = centre.label.indexation as usize;
         let position =
             observed.places[centre.place].updated_by(&machine::Position::from_xyz(centre.xyz));
@@ -67,7 +67,7 @@ pub fn measured(
         let columns = chain.jacobian(&position, tip, &[], &errors);
         let by = |k: usize| -axes_from_table * columns.get(k).copied().unwrap_or_default();
         let number = design.numbers.get(stop).copied().unwrap_or(0);
-        Ok(Sighting {
+        Ok(BallObservation {
             stop,
             ball: centre.ball,
             place: plate.place(centre.ball, number, settings.positions),

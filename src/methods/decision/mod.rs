@@ -7,7 +7,7 @@ pub mod revisit;
 pub mod trend;
 
 use estimation::coverage::cumulative;
-use machine::record::estimate::{Estimate, Judgement, Limit, Parameter, Verdict};
+use machine::record::estimate::{Estimate, Limit, LimitVerdict, Parameter, Verdict};
 
 const DECISION_RULE: &str = "guard bands of U on both sides (ISO 14253-1): pass if the whole interval lies within the \
                              limit, fail if it lies outside; the worst parameter decides";
@@ -67,7 +67,7 @@ pub fn unmatched(estimate: &Estimate, limits: &[Limit]) -> Vec<String> {
         .collect()
 }
 
-fn judge_one(parameter: &Parameter, limit: f64, contradicted: bool) -> Judgement {
+fn judge_one(parameter: &Parameter, limit: f64, contradicted: bool) -> LimitVerdict {
     let Parameter { value, u, expanded, dof, .. } = *parameter;
     let magnitude = value.abs();
     let is_known = parameter.identifiable && magnitude.is_finite() && expanded.is_finite();
@@ -84,7 +84,7 @@ fn judge_one(parameter: &Parameter, limit: f64, contradicted: bool) -> Judgement
     };
     let below = |bound: f64| cumulative((bound - value) / u, dof.unwrap_or(f64::INFINITY));
     let conformance = (is_known && !contradicted && u > 0.0).then(|| below(limit) - below(-limit));
-    Judgement { limit, verdict, conformance }
+    LimitVerdict { limit, verdict, conformance }
 }
 
 #[cfg(test)]

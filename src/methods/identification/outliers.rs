@@ -10,7 +10,7 @@ use estimation::misfit::Misfit;
 
 use super::measurement::Measurement;
 use super::model::Solution;
-use machine::record::estimate::{Deviation, Outlier, SmallestFound};
+use machine::record::estimate::{DetectableDeviation, Deviation, Outlier};
 
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM: f64 = 1e-3;
@@ -26,7 +26,7 @@ const POWER: f64 = 0.95;
 pub struct Checked {
     pub outliers: Vec<Outlier>,
     /// Smallest detectable deviation of each measurement.
-    pub smallest_found: Vec<SmallestFound>,
+    pub smallest_found: Vec<DetectableDeviation>,
     /// One sentence for each outlier.
     pub warnings: Vec<String>,
 }
@@ -133,7 +133,7 @@ impl Check<'_> {
 
     /// Smallest detectable deviation of the measurement, in the direction in which the residuals show a
     /// deviation least.
-    fn smallest_found(&self, measurement: &Measurement) -> SmallestFound {
+    fn smallest_found(&self, measurement: &Measurement) -> DetectableDeviation {
         let rows = measurement.rows.clone();
         let least = rows.map(|row| self.residuals.variances[row]).fold(0.0, f64::max).sqrt();
         let um = |limit: f64| {
@@ -141,7 +141,7 @@ impl Check<'_> {
             1e3 * residual * measurement.u_mm / self.remainder(measurement)
         };
         let deviation_um = self.limit(measurement).map(um);
-        SmallestFound { label: measurement.label.clone(), deviation_um }
+        DetectableDeviation { label: measurement.label.clone(), deviation_um }
     }
 }
 

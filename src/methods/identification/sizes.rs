@@ -10,7 +10,7 @@ use machine::record::plan::Plan;
 use super::probe_map::ProbeMap;
 
 /// One line of a budget.
-struct Sized {
+struct BudgetLineKey {
     line: &'static str,
     /// Key of the machine file; `axes.*` means each of the axes.
     key: &'static str,
@@ -19,11 +19,11 @@ struct Sized {
     size: fn(&Plan) -> f64,
 }
 
-const fn sized(line: &'static str, key: &'static str, size: fn(&Plan) -> f64) -> Sized {
-    Sized { line, key, size }
+const fn sized(line: &'static str, key: &'static str, size: fn(&Plan) -> f64) -> BudgetLineKey {
+    BudgetLineKey { line, key, size }
 }
 
-const SIZES: [Sized; 17] = [
+const SIZES: [BudgetLineKey; 17] = [
     sized("repeatability of a touch", "probe.repeatability_um", |plan| {
         plan.probe.repeatability_um.unwrap_or_default()
     }),
@@ -119,7 +119,7 @@ fn is_of(line: &BudgetLine, key: &str) -> bool {
             && axis == line.source.strip_prefix(MOTIONS);
     }
     let is_linear = axis.is_none_or(|axis| ["X", "Y", "Z"].contains(&axis));
-    let is_same = |sized: &Sized| sized.key.rsplit('.').next() == Some(name);
+    let is_same = |sized: &BudgetLineKey| sized.key.rsplit('.').next() == Some(name);
     sized.any(is_same) && is_linear != (line.source == "error motions of rotary axes")
 }
 

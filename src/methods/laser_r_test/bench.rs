@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::parameters::{of_table, tilts};
-use super::settings::{By, Settings};
+use super::settings::{MeasuringDevice, Settings};
 use crate::Refused;
 use machine::frame::unit_vector;
 use machine::kinematics::Chain;
@@ -18,10 +18,10 @@ const TURN_DEG: [f64; 6] = [0.0, 60.0, 120.0, 180.0, 240.0, 300.0];
 const SLACK: f64 = 1e-9;
 
 /// A rotary axis and its positions in degrees.
-pub type Turned = (Axis, Vec<f64>);
+pub type RotaryAxisPositions = (Axis, Vec<f64>);
 
 /// A plan with the derived data that this method needs.
-pub struct Bench<'a> {
+pub struct LaserSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
     pub chain: Chain,
@@ -31,7 +31,7 @@ pub struct Bench<'a> {
     pub ball: &'a Ball,
 }
 
-impl<'a> Bench<'a> {
+impl<'a> LaserSetup<'a> {
     /// # Errors
     /// There is no sensor or no sphere, or the kinematics of the machine cannot be built.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
@@ -39,8 +39,8 @@ impl<'a> Bench<'a> {
         let chain = Chain::new(&plan.machine)?;
         let (balls, ball) = ball(plan, settings)?;
         let sensor = match settings.by {
-            By::Laser => sensor(&plan.sensors, settings)?.clone(),
-            By::Probe => stylus(plan),
+            MeasuringDevice::Laser => sensor(&plan.sensors, settings)?.clone(),
+            MeasuringDevice::Probe => stylus(plan),
         };
         Ok(Self { plan, settings, chain, sensor, balls, ball })
     }
@@ -70,7 +70,7 @@ impl<'a> Bench<'a> {
     }
 
     /// Matrix from a displacement of the spindle relative to the table, machine frame, to X, Y, Z: the inverse of
-    /// [`Bench::travel`].
+    /// [`LaserSetup::travel`].
     ///
     /// # Errors
     /// The linear axes do not span space at these positions.
@@ -81,7 +81,7 @@ impl<'a> Bench<'a> {
     }
 
     pub fn touches(&self) -> bool {
-        self.settings.by == By::Probe
+        self.settings.by == MeasuringDevice::Probe
     }
 
     /// Distance from the sphere's centre to the measured point, mm: for a touch, to the stylus centre.
@@ -107,7 +107,7 @@ impl<'a> Bench<'a> {
     ///
     /// # Errors
     /// A configured position is outside the axis' limits, or an axis does not reach zero.
-    pub fn positions(&self) -> Result<[Option<Turned>; 2], Refused> {
+    pub fn positions(&self) -> Result<[Option<RotaryAxisPositions>; 2], Refused> {
         let axes = of_table(&self.chain);
         let tilt = axes.iter().find(|axis| tilts(&self.chain, **axis));
         let turn = axes.iter().rev().find(|axis| Some(*axis) != tilt);

@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::centres::{Centres, Row, frame};
 use super::spots::{Scanned, Spot};
-use super::track::Seen;
+use super::track::TimedSample;
 use machine::Axis;
 use machine::frame::unit_vector;
 
@@ -25,17 +25,21 @@ const LEAST_MM: f64 = 0.01;
 
 /// One spot for each cell of this scan in the order of time, and the scatter within cells: Σ(sample less mean)² in
 /// mm² with its degrees of freedom. The spots of `scan` are not used.
-pub fn cells(bench: &Bench<'_>, scan: &Scanned, seen: &[Seen]) -> (Vec<Spot>, (f64, usize)) {
+pub fn cells(
+    bench: &LaserSetup<'_>,
+    scan: &Scanned,
+    seen: &[TimedSample],
+) -> (Vec<Spot>, (f64, usize)) {
     let travel = bench.travel(&scan.rotary);
     let mut within = (0.0, 0);
     let Some(sphere) = Sphere::of(bench, (travel, scan.spindle), seen) else {
         return (Vec::new(), within);
     };
-    let spot = |all: Vec<&Seen>| {
-        let off = |one: &&Seen| Some(one.value - sphere.reading(travel * one.xyz)?);
+    let spot = |all: Vec<&TimedSample>| {
+        let off = |one: &&TimedSample| Some(one.value - sphere.reading(travel * one.xyz)?);
         let offs: Vec<f64> = all.iter().map(off).collect::<Option<_>>()?;
         let (count, mean_off) = (offs.len() as f64, offs.iter().sum::<f64>() / offs.len() as f64);
-        let mean = |pick: fn(&Seen) -> Vector3<f64>| {
+        let mean = |pick: fn(&TimedSample) -> Vector3<f64>| {
             all.iter().map(|s| pick(s)).sum::<Vector3<f64>>() / count
         };
         let xyz = mean(|seen| seen.xyz);
@@ -57,9 +61,9 @@ pub fn cells(bench: &Bench<'_>, scan: &Scanned, seen: &[Seen]) -> (Vec<Spot>, (f
 }
 
 /// Groups the samples of one scan by cells. The cells are in the order of time.
-pub fn by_place<'a>(bench: &Bench<'_>, seen: &'a [Seen]) -> Vec<Vec<&'a Seen>> {
+pub fn by_place<'a>(bench: &LaserSetup<'_>, seen: &'a [TimedSample]) -> Vec<Vec<&'a TimedSample>> {
     let width = (extent(seen) / bench.settings.points.max(1) as f64).max(LEAST_MM);
-    let (mut cells, mut numbers) = (Vec::<Vec<&Seen>>::new(), BTreeMap::new());
+    let (mut cells, mut numbers) = (Vec::<Vec<&TimedSample>>::new(), BTreeMap::new());
     for one in seen {
         let place: [i64; 3] = one.xyz.map(|mm| (mm / width).floor() as i64).into();
         let number = *numbers.entry(place).or_insert(cells.len());
@@ -72,7 +76,7 @@ pub fn by_place<'a>(bench: &Bench<'_>, seen: &'a [Seen]) -> Vec<Vec<&'a Seen>> {
 }
 
 /// Longest side of the range of the scan, mm.
-fn extent(seen: &[Seen]) -> f64 {
+fn extent(seen: &[TimedSample]) -> f64 {
     let xyz = || seen.iter().map(|seen| seen.xyz);
     let most = xyz().fold(Vector3::repeat(f64::NEG_INFINITY), |most, xyz| most.sup(&xyz));
     let least = xyz().fold(Vector3::repeat(f64::INFINITY), |least, xyz| least.inf(&xyz));
@@ -91,11 +95,11 @@ impl Sphere {
     /// Fits the sphere. `travel`: from X, Y, Z to the machine frame. `spindle`: from the spindle frame to the
     /// machine frame. `None`: the samples do not determine the sphere.
     pub fn of(
-        bench: &Bench<'_>,
+        bench: &LaserSetup<'_>,
         (travel, spindle): (Matrix3<f64>, Rotation3<f64>),
-        seen: &[Seen],
+        seen: &[TimedSample],
     ) -> Option<Self> {
-        let row = |one: &Seen| Row {
+        let row = |one: &TimedSample| Row {
             group: 0,
             at: travel * one.xyz,
             spindle,
@@ -131,11 +135,12 @@ impl Sphere {
 }
 
 /// Descriptions of the motions along `path` (X, Y, Z) that have too few samples.
-pub fn thin_ways(path: &[Vector3<f64>], seen: &[Seen]) -> Vec<String> {
+pub fn thin_ways(path: &[Vector3<f64>], seen: &[TimedSample]) -> Vec<String> {
     let mut thin: Vec<String> = Vec::new();
     for pair in path.windows(2) {
         let Some(way) = unit_vector(pair[1] - pair[0]) else { continue };
-        let along = |one: &&Seen| unit_vector(one.velocity).unwrap_or_default().dot(&way) > ALONG;
+        let along =
+            |one: &&TimedSample| unit_vector(one.velocity).unwrap_or_default().dot(&way) > ALONG;
         let count = seen.iter().filter(along).count();
         let words = format!("{count} samples of its way along {}", name(way));
         if count < LEAST_SAMPLES && !thin.contains(&words) {

@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::label::in_words;
 use super::model::placed;
 use crate::Refused;
@@ -26,7 +26,7 @@ pub struct Place {
 
 /// Motion of a scan.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Walk {
+pub enum ScanMotion {
     /// Dwell points with a stop at each.
     Rests,
     /// Continuous motion at the first feed.
@@ -37,20 +37,20 @@ pub enum Walk {
 
 /// A scan to be planned.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Wanted {
+pub struct ScanRequest {
     pub rotary: Position,
     /// Nominal reading at the pole, mm.
     pub height_mm: f64,
     pub label: String,
     /// Whether the scan is a reference: repeated at the end and after an interruption.
     pub reference: bool,
-    pub walk: Walk,
+    pub walk: ScanMotion,
 }
 
 /// # Errors
 /// The sphere is out of the sensor's range, beyond the incidence limit, on the side of its stem, or out of the
 /// axes' travel.
-pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, Refused> {
+pub fn step(bench: &LaserSetup<'_>, place: &Place, wanted: &ScanRequest) -> Result<Step, Refused> {
     let half = half_mm(bench, place, &wanted.rotary)?;
     check_range(bench, place, wanted, half)?;
     let path = path(bench, place, wanted, half)?;
@@ -66,19 +66,19 @@ pub fn step(bench: &Bench<'_>, place: &Place, wanted: &Wanted) -> Result<Step, R
     })
 }
 
-fn settled(bench: &Bench<'_>, walk: Walk) -> (f64, Sampling) {
+fn settled(bench: &LaserSetup<'_>, walk: ScanMotion) -> (f64, Sampling) {
     let settings = bench.settings;
     let (dwell_s, samples) = (settings.dwell_s, settings.samples);
     let continuous = Sampling::Continuous { rate_hz: settings.rate_hz, per_revolution: None };
     match walk {
-        Walk::Rests => (settings.feed_mm_min, Sampling::Dwell { dwell_s, samples }),
-        Walk::Slow => (settings.feed_mm_min, continuous),
-        Walk::Fast => (settings.fast_feed_mm_min, continuous),
+        ScanMotion::Rests => (settings.feed_mm_min, Sampling::Dwell { dwell_s, samples }),
+        ScanMotion::Slow => (settings.feed_mm_min, continuous),
+        ScanMotion::Fast => (settings.fast_feed_mm_min, continuous),
     }
 }
 
 /// Half length of a line, mm: as far as the incidence limit allows for the largest position error of the sphere.
-fn half_mm(bench: &Bench<'_>, place: &Place, rotary: &Position) -> Result<f64, Refused> {
+fn half_mm(bench: &LaserSetup<'_>, place: &Place, rotary: &Position) -> Result<f64, Refused> {
     let radius = bench.ball.radius_mm;
     let half = radius * bench.limit().sin() - place.doubt_mm;
     if half < 0.1 * radius {
@@ -110,9 +110,9 @@ fn half_mm(bench: &Bench<'_>, place: &Place, rotary: &Position) -> Result<f64, R
 }
 
 fn check_range(
-    bench: &Bench<'_>,
+    bench: &LaserSetup<'_>,
     place: &Place,
-    wanted: &Wanted,
+    wanted: &ScanRequest,
     half: f64,
 ) -> Result<(), Refused> {
     let radius = bench.ball.radius_mm;
@@ -138,9 +138,9 @@ fn check_range(
 }
 
 fn path(
-    bench: &Bench<'_>,
+    bench: &LaserSetup<'_>,
     place: &Place,
-    wanted: &Wanted,
+    wanted: &ScanRequest,
     half: f64,
 ) -> Result<Vec<Position>, Refused> {
     let rotary = &wanted.rotary;
@@ -149,7 +149,7 @@ fn path(
     // In continuous motion the scan moves along the axes alone. Slow motion along the tilt of the beam would hide
     // the lost motion of the axes.
     let beam = match wanted.walk {
-        Walk::Rests => unit_vector(place.beam).unwrap_or_default(),
+        ScanMotion::Rests => unit_vector(place.beam).unwrap_or_default(),
         _ => bench.beam(),
     };
     let beam = bench.spindle(rotary) * beam;
@@ -163,7 +163,7 @@ fn path(
     let across = along.cross(&beam);
     let end = |way: Vector3<f64>| above + way * half;
     let offsets: Vec<Vector3<f64>> = match wanted.walk {
-        Walk::Rests => line(along).chain(line(across)).collect(),
+        ScanMotion::Rests => line(along).chain(line(across)).collect(),
         // Each line goes from the pole to both ends and back. Every section is traversed in both directions, so
         // that effects proportional to velocity cancel.
         _ => [0.0 * along, along, -along, 0.0 * along, across, -across, 0.0 * along]
@@ -174,7 +174,7 @@ fn path(
     Ok(offsets.into_iter().map(at).collect())
 }
 
-fn check_travel(bench: &Bench<'_>, rotary: &Position, at: &Position) -> Result<(), Refused> {
+fn check_travel(bench: &LaserSetup<'_>, rotary: &Position, at: &Position) -> Result<(), Refused> {
     for (axis, value) in at.iter() {
         let Some(spec) = bench.plan.machine.axes.get(&axis) else { continue };
         let value = axis.to_edge(value);

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::centres::{Centres, Row, fixes_centre, frame};
 use super::label::Pass;
 use super::observe::Observed;
@@ -45,7 +45,7 @@ pub struct Grouped {
 }
 
 /// Standard deviation of one sample, mm.
-pub fn noise_mm(bench: &Bench<'_>, observed: &Observed) -> f64 {
+pub fn noise_mm(bench: &LaserSetup<'_>, observed: &Observed) -> f64 {
     let declared = bench.sensor.noise_um.map(|um| um * 1e-3);
     let seen = observed.scatter_mm();
     match (declared, seen, &observed.latency) {
@@ -62,7 +62,7 @@ type Member<'a> = (Group, Vec<(usize, &'a Scanned)>);
 ///
 /// # Errors
 /// No scan is left, or the linear axes do not span space.
-pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Refused> {
+pub fn grouped(bench: &LaserSetup<'_>, observed: &mut Observed) -> Result<Grouped, Refused> {
     let radius = bench.radius();
     let flat = |scan: &Scanned| !fixes_centre(scan, bench.beam(), radius);
     let lines = observed.scans.iter().filter(|scan| flat(scan)).map(|scan| {
@@ -101,7 +101,7 @@ pub fn grouped(bench: &Bench<'_>, observed: &mut Observed) -> Result<Grouped, Re
     Ok(collect(bench, observed, members))
 }
 
-fn group(bench: &Bench<'_>, scan: &Scanned) -> Result<Group, Refused> {
+fn group(bench: &LaserSetup<'_>, scan: &Scanned) -> Result<Group, Refused> {
     let (label, rotary) = (scan.label.clone(), scan.rotary.clone());
     let (travel, axes_for) = (bench.travel(&rotary), bench.axes_for(&rotary)?);
     let table = bench.chain.machine_from_table(&rotary, &[]).rotation;
@@ -125,7 +125,7 @@ fn nothing(observed: &Observed) -> Refused {
     }
 }
 
-fn collect(bench: &Bench<'_>, observed: &Observed, members: Vec<Member<'_>>) -> Grouped {
+fn collect(bench: &LaserSetup<'_>, observed: &Observed, members: Vec<Member<'_>>) -> Grouped {
     let (noise, resolution) = (noise_mm(bench, observed), resolution_mm(bench));
     let (mut groups, mut rows, mut spots) = (Vec::new(), Vec::new(), Vec::new());
     let (mut from, mut most, mut index) = (Vec::new(), 0, 0);
@@ -165,7 +165,7 @@ fn pole(scan: &Scanned) -> f64 {
 }
 
 /// Coarsest display resolution of the linear axes as a standard uncertainty, mm.
-fn resolution_mm(bench: &Bench<'_>) -> f64 {
+fn resolution_mm(bench: &LaserSetup<'_>) -> f64 {
     let along = |axis: Axis| declared::resolution_mm(bench.plan, axis.direction());
     Axis::LINEAR.into_iter().map(along).fold(0.0, f64::max)
 }

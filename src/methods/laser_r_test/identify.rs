@@ -2,11 +2,11 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::group::{Group, Grouped, grouped};
 use super::label::Pass;
 use super::latency::Latency;
-use super::model::{Model, Problem, Sight, placed};
+use super::model::{Model, Observation, Problem, placed};
 use super::observe::{Observed, observe};
 use super::outputs;
 use super::parameters;
@@ -32,13 +32,16 @@ const MAX_TRIALS: usize = 40_000;
 /// Significant digits of u to which the trials must be stable (JCGM 101, 7.9.2).
 const STABLE_DIGITS: u32 = 1;
 
-pub fn identify(bench: &Bench<'_>, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
+pub fn identify(bench: &LaserSetup<'_>, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
     Ok(outputs::estimate(&parts(bench, readings)?))
 }
 
 /// # Errors
 /// The readings belong to another plan, are too few, or do not determine the unknowns.
-pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>, IdentifyError> {
+pub fn parts<'a>(
+    bench: &'a LaserSetup<'a>,
+    readings: &[Reading],
+) -> Result<Parts<'a>, IdentifyError> {
     let (observed, grouped, fitted) = spheres(bench, readings)?;
     let settings = bench.settings;
     let chosen = parameters::chosen(&bench.chain, &settings.parameters, &settings.harmonics)?;
@@ -74,7 +77,7 @@ pub fn parts<'a>(bench: &'a Bench<'a>, readings: &[Reading]) -> Result<Parts<'a>
 
 /// Fits the sphere's centres and the beam from the samples within the incidence limit.
 fn spheres(
-    bench: &Bench<'_>,
+    bench: &LaserSetup<'_>,
     readings: &[Reading],
 ) -> Result<(Observed, Grouped, Minimum), IdentifyError> {
     let mut observed = observe(bench, readings)?;
@@ -94,7 +97,11 @@ fn fit(grouped: &Grouped) -> Result<Minimum, IdentifyError> {
     grouped.centres.solve().map_err(failed)
 }
 
-fn check_heights(bench: &Bench<'_>, observed: &Observed, grouped: &Grouped) -> Result<(), Refused> {
+fn check_heights(
+    bench: &LaserSetup<'_>,
+    observed: &Observed,
+    grouped: &Grouped,
+) -> Result<(), Refused> {
     let (free, count) = (grouped.centres.free, grouped.heights);
     let of_height: Vec<&str> = observed
         .left_out
@@ -122,7 +129,7 @@ fn check_heights(bench: &Bench<'_>, observed: &Observed, grouped: &Grouped) -> R
 
 /// Removes and counts samples beyond the incidence limit. Returns whether there were any.
 fn leave_out_oblique(
-    bench: &Bench<'_>,
+    bench: &LaserSetup<'_>,
     observed: &mut Observed,
     grouped: &Grouped,
     fitted: &Minimum,
@@ -146,9 +153,9 @@ fn leave_out_oblique(
 }
 
 /// Observations at the centres of the fit `x`, with their `covariances` in the machine frame.
-fn sights(grouped: &Grouped, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<Sight> {
+fn sights(grouped: &Grouped, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<Observation> {
     let groups = grouped.groups.iter().enumerate().zip(covariances);
-    let sights = groups.map(|((i, group), covariance)| Sight {
+    let sights = groups.map(|((i, group), covariance)| Observation {
         at: placed(&group.rotary, group.axes(grouped.centres.centre(x, i))),
         weight: whitening(covariance) * group.table,
     });
@@ -159,18 +166,20 @@ fn sights(grouped: &Grouped, x: &[f64], covariances: Vec<Matrix3<f64>>) -> Vec<S
 fn measurements(problem: &Problem, groups: &[Group], misses: &[Vector3<f64>]) -> Vec<Measurement> {
     let all = problem.sights.iter().zip(groups).zip(misses).enumerate();
     let measurement =
-        |(i, ((sight, group), miss)): (usize, ((&Sight, &Group), &Vector3<f64>))| Measurement {
-            label: group.label.clone(),
-            in_words: format!("the sphere at {}", group.label),
-            rows: 3 * i..3 * i + 3,
-            residual_mm: miss.norm(),
-            u_mm: mean_u_mm(&sight.weight),
+        |(i, ((sight, group), miss)): (usize, ((&Observation, &Group), &Vector3<f64>))| {
+            Measurement {
+                label: group.label.clone(),
+                in_words: format!("the sphere at {}", group.label),
+                rows: 3 * i..3 * i + 3,
+                residual_mm: miss.norm(),
+                u_mm: mean_u_mm(&sight.weight),
+            }
         };
     all.map(measurement).collect()
 }
 
 fn solve(
-    bench: &Bench<'_>,
+    bench: &LaserSetup<'_>,
     problem: &Problem,
     names: &[String],
 ) -> Result<(Survey, Minimum), IdentifyError> {

@@ -2,10 +2,10 @@
 
 use nalgebra::Matrix3;
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::cross::Place;
 use super::group::{Grouped, grouped};
-use super::model::{Model, Problem, Sight, placed};
+use super::model::{Model, Observation, Problem, placed};
 use super::observe::observe;
 use crate::{IdentifyError, Refused};
 use machine::record::reading::Reading;
@@ -16,7 +16,7 @@ const ZERO_DOUBT_MM: f64 = 1.0;
 const CENTRE_MM: f64 = 1e-3;
 
 /// Positions as stated in the plan.
-pub fn nominal(bench: &Bench<'_>) -> Place {
+pub fn nominal(bench: &LaserSetup<'_>) -> Place {
     let (zero, beam, ball) = (bench.zero(), bench.beam(), bench.centre());
     Place { zero, beam, ball, doubt_mm: 0.0 }
 }
@@ -26,7 +26,7 @@ pub fn nominal(bench: &Bench<'_>) -> Place {
 ///
 /// # Errors
 /// The sphere is not found in the readings.
-pub fn known(bench: &Bench<'_>, readings: &[Reading]) -> Result<Place, Refused> {
+pub fn known(bench: &LaserSetup<'_>, readings: &[Reading]) -> Result<Place, Refused> {
     let nominal = nominal(bench);
     if readings.is_empty() {
         return Ok(nominal);
@@ -43,7 +43,7 @@ pub fn known(bench: &Bench<'_>, readings: &[Reading]) -> Result<Place, Refused> 
     let fitted = centres.solve().map_err(|why| refused(why.to_string()))?;
     let sights = groups.iter().enumerate().map(|(i, group)| {
         let at = placed(&group.rotary, group.axes(centres.centre(&fitted.x, i)));
-        Sight { at, weight: Matrix3::identity() / CENTRE_MM }
+        Observation { at, weight: Matrix3::identity() / CENTRE_MM }
     });
     let problem = Problem {
         model: Model { chain: bench.chain.clone(), parameters: Vec::new() },
@@ -63,7 +63,7 @@ pub fn known(bench: &Bench<'_>, readings: &[Reading]) -> Result<Place, Refused> 
 }
 
 /// Checks that the sphere is not farther from its stated position than the stated uncertainty allows.
-fn check_place(bench: &Bench<'_>, place: &Place) -> Result<(), Refused> {
+fn check_place(bench: &LaserSetup<'_>, place: &Place) -> Result<(), Refused> {
     let away = (place.ball - bench.centre()).norm() + (place.zero - bench.zero()).norm();
     let limit = 2.0 * bench.balls.uncertainty_mm + ZERO_DOUBT_MM;
     if away <= limit && place.ball.iter().all(|mm| mm.is_finite()) {

@@ -8,9 +8,9 @@
 use faer::Mat;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::cells::{Sphere, by_place};
-use super::track::{Seen, Track};
+use super::track::{PositionHistory, TimedSample};
 use crate::{IdentifyError, Refused};
 use estimation::linear::lower_root;
 use estimation::null_names::name_null_space;
@@ -54,7 +54,7 @@ pub struct Latency {
 pub struct Timed<'a> {
     pub travel: Matrix3<f64>,
     pub spindle: Rotation3<f64>,
-    pub track: &'a Track,
+    pub track: &'a PositionHistory,
 }
 
 impl Latency {
@@ -86,7 +86,7 @@ fn half_step(axis: Axis, toward: Vector3<f64>) -> Vector3<f64> {
 
 /// # Errors
 /// No sample is on the sphere, or the passes do not separate latency and lags.
-pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyError> {
+pub fn fit(bench: &LaserSetup<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyError> {
     let (mut tau_s, mut chosen) = (0.0, Vec::new());
     for number in 0..ROUNDS {
         if number < CHOICES {
@@ -116,18 +116,18 @@ pub fn fit(bench: &Bench<'_>, scans: &[Timed<'_>]) -> Result<Latency, IdentifyEr
 /// The reliable samples of one scan, by cells.
 struct Chosen<'a> {
     scan: &'a Timed<'a>,
-    cells: Vec<Vec<Seen>>,
+    cells: Vec<Vec<TimedSample>>,
 }
 
 impl<'a> Chosen<'a> {
-    fn new(bench: &Bench<'_>, scan: &'a Timed<'a>, tau_s: f64) -> Self {
+    fn new(bench: &LaserSetup<'_>, scan: &'a Timed<'a>, tau_s: f64) -> Self {
         let seen = scan.track.seen(tau_s);
         let cells = by_place(bench, &seen).into_iter();
         Self { scan, cells: cells.map(|all| all.into_iter().copied().collect()).collect() }
     }
 
-    fn with(&self, tau_s: f64) -> Vec<Vec<Seen>> {
-        let again = |one: &Seen| self.scan.track.again(one, tau_s);
+    fn with(&self, tau_s: f64) -> Vec<Vec<TimedSample>> {
+        let again = |one: &TimedSample| self.scan.track.again(one, tau_s);
         self.cells.iter().map(|all| all.iter().filter_map(again).collect()).collect()
     }
 }
@@ -149,7 +149,11 @@ struct Row {
 impl Round {
     /// # Errors
     /// There are too few samples.
-    fn new(bench: &Bench<'_>, chosen: &[Chosen<'_>], tau_s: f64) -> Result<Self, IdentifyError> {
+    fn new(
+        bench: &LaserSetup<'_>,
+        chosen: &[Chosen<'_>],
+        tau_s: f64,
+    ) -> Result<Self, IdentifyError> {
         let all = || chosen.iter().flat_map(|of| of.cells.iter().flatten());
         let moved = |k: usize| all().any(|one| one.toward[k] != 0.0);
         let axes = Axis::LINEAR.into_iter().enumerate().filter(|(k, _)| moved(*k));

@@ -29,8 +29,8 @@ mod words;
 
 pub use settings::Settings;
 
-use self::bench::Bench;
-use self::settings::By;
+use self::bench::LaserSetup;
+use self::settings::MeasuringDevice;
 use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use machine::record::estimate::Estimate;
 use machine::record::plan::{Plan, Stage};
@@ -64,7 +64,7 @@ impl Method for LaserRTest {
     }
 
     fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-        let bench = Bench::new(plan, &self.settings)?;
+        let bench = LaserSetup::new(plan, &self.settings)?;
         let tasks = stages::tasks(&bench)?;
         let id = done.last().map_or(0, |stage| stage.id + 1);
         let passed = done.iter().filter(|stage| stage.repeat == 0).count();
@@ -79,17 +79,17 @@ impl Method for LaserRTest {
 
     fn required_sensors<'a>(&self, sensors: &'a [Sensor]) -> Result<Vec<&'a Sensor>, Refused> {
         match self.settings.by {
-            By::Laser => Ok(vec![bench::sensor(sensors, &self.settings)?]),
-            By::Probe => Ok(Vec::new()),
+            MeasuringDevice::Laser => Ok(vec![bench::sensor(sensors, &self.settings)?]),
+            MeasuringDevice::Probe => Ok(Vec::new()),
         }
     }
 
     fn takes_probe_map(&self) -> bool {
-        self.settings.by == By::Probe
+        self.settings.by == MeasuringDevice::Probe
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let bench = Bench::new(plan, &self.settings)?;
+        let bench = LaserSetup::new(plan, &self.settings)?;
         identify::identify(&bench, readings)
     }
 }

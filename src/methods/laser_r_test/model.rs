@@ -68,7 +68,7 @@ impl Model {
 
 /// Axis positions with the zero point at the sphere's centre, and their weight.
 #[derive(Debug, Clone)]
-pub struct Sight {
+pub struct Observation {
     /// Positions of all axes.
     pub at: Position,
     /// Matrix from the table frame to weighted rows.
@@ -79,7 +79,7 @@ pub struct Sight {
 #[derive(Debug, Clone)]
 pub struct Problem {
     pub model: Model,
-    pub sights: Vec<Sight>,
+    pub sights: Vec<Observation>,
     /// Zero point known beforehand, and its standard uncertainty in mm. It is used before all poses are measured.
     pub hold: Option<(Vector3<f64>, f64)>,
 }

@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::cells::{cells, thin_ways};
 use super::label::Pass;
 use super::latency::{Latency, Timed, fit};
 use super::spots::{Scanned, Spot};
-use super::track::Track;
+use super::track::PositionHistory;
 use crate::decision::revisit::granted_mm;
 use crate::{IdentifyError, Refused};
 use machine::Position;
@@ -41,10 +41,10 @@ pub struct Observed {
 }
 
 /// One measurement of the plan with its usable data.
-struct Raw {
+struct UncorrectedScan {
     scanned: Scanned,
     /// Samples of a continuous scan, and X, Y, Z of its path.
-    track: Option<(Track, Vec<Vector3<f64>>)>,
+    track: Option<(PositionHistory, Vec<Vector3<f64>>)>,
     steps: usize,
 }
 
@@ -69,14 +69,14 @@ impl Observed {
 ///
 /// # Errors
 /// A reading belongs to no step of the plan.
-pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
+pub fn observe(bench: &LaserSetup<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
     IdentifyError::check_steps(bench.plan, readings)?;
     let mut of_step: BTreeMap<u32, Vec<&Reading>> = BTreeMap::new();
     for reading in readings.iter().filter(|reading| reading.repeat < REPEAT_AFTER_STOP) {
         of_step.entry(reading.step).or_default().push(reading);
     }
     let mut observed = Observed::default();
-    let mut raws: Vec<Raw> = Vec::new();
+    let mut raws: Vec<UncorrectedScan> = Vec::new();
     for steps in bench.plan.steps.chunk_by(|one, other| measurement(one) == measurement(other)) {
         let Some((first, pass)) = steps.first().and_then(|s| Some((s, Pass::of(&s.label)?))) else {
             continue;
@@ -118,8 +118,11 @@ fn stops(plan: &Plan, readings: &[Reading]) -> Result<Vec<(f64, f64)>, IdentifyE
 }
 
 /// Estimates the latency from the latency scans.
-fn latency(bench: &Bench<'_>, raws: &[Raw]) -> Result<Option<Latency>, IdentifyError> {
-    let timed = raws.iter().filter_map(|Raw { scanned, track, .. }| {
+fn latency(
+    bench: &LaserSetup<'_>,
+    raws: &[UncorrectedScan],
+) -> Result<Option<Latency>, IdentifyError> {
+    let timed = raws.iter().filter_map(|UncorrectedScan { scanned, track, .. }| {
         let track = track.as_ref().filter(|_| scanned.pass == Pass::Latency);
         let travel = bench.travel(&scanned.rotary);
         track.map(|(track, _)| Timed { travel, spindle: scanned.spindle, track })
@@ -130,8 +133,8 @@ fn latency(bench: &Bench<'_>, raws: &[Raw]) -> Result<Option<Latency>, IdentifyE
 }
 
 /// Adds a measurement to `observed`, corrected for latency and lost motion.
-fn placed(bench: &Bench<'_>, raw: Raw, observed: &mut Observed) {
-    let Raw { mut scanned, track, steps } = raw;
+fn placed(bench: &LaserSetup<'_>, raw: UncorrectedScan, observed: &mut Observed) {
+    let UncorrectedScan { mut scanned, track, steps } = raw;
     if let (Some((track, path)), Some(latency)) = (&track, &observed.latency) {
         let mut seen = track.seen(latency.tau_s);
         seen.iter_mut().for_each(|one| one.xyz = latency.true_xyz(one.xyz, one.toward));
@@ -164,11 +167,11 @@ fn newest<'a>(readings: &[&'a Reading]) -> Vec<&'a Reading> {
 }
 
 fn raw(
-    bench: &Bench<'_>,
+    bench: &LaserSetup<'_>,
     (step, pass, steps): (&Step, Pass, usize),
     readings: &[&Reading],
     observed: &mut Observed,
-) -> Raw {
+) -> UncorrectedScan {
     let rotary = step.from.only(|axis| !axis.is_linear());
     let travel = bench.travel(&rotary);
     let mut spots: Vec<Spot> = Vec::new();
@@ -186,15 +189,13 @@ fn raw(
         let (at, t_s) = (travel * xyz, reading.t_s);
         spots.push(Spot { xyz, at, value, samples: 1, t_s, velocity, toward });
     }
-    let track = step
-        .scan
-        .as_ref()
-        .filter(|scan| on_the_way(scan))
-        .map(|scan| (Track::new(readings), scan.path.iter().map(Position::xyz).collect()));
+    let track = step.scan.as_ref().filter(|scan| on_the_way(scan)).map(|scan| {
+        (PositionHistory::new(readings), scan.path.iter().map(Position::xyz).collect())
+    });
     let points = if track.is_some() { Vec::new() } else { points(step, spots) };
     let spots = points.iter().map(|all| mean(all, &mut observed.within)).collect();
     let (label, spindle) = (measurement(step).to_owned(), bench.spindle(&rotary));
-    Raw { scanned: Scanned { pass, label, spindle, rotary, spots }, track, steps }
+    UncorrectedScan { scanned: Scanned { pass, label, spindle, rotary, spots }, track, steps }
 }
 
 fn on_the_way(scan: &Scan) -> bool {

@@ -5,7 +5,7 @@
 use faer::Mat;
 use nalgebra::{Rotation3, Vector3};
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::centres::Centres;
 use super::group::Grouped;
 use estimation::circle::fit_circle;
@@ -21,7 +21,7 @@ const MEETS_MM: f64 = 1e-6;
 
 /// W = (α_BY, β_BY, γ_BY, δx_CB, α_CB), rad and mm. `None`: the machine is not that of the paper (a B table that
 /// carries C), or its circles were not measured.
-pub fn identify(bench: &Bench<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64; 5]> {
+pub fn identify(bench: &LaserSetup<'_>, grouped: &Grouped, x: &[f64]) -> Option<[f64; 5]> {
     let machine = &bench.plan.machine;
     let iso = |axis| machine.axes.get(&axis).is_some_and(|spec| spec.positive == Sense::Iso);
     let table = super::parameters::of_table(&bench.chain);
@@ -52,7 +52,7 @@ fn unit_beam(centres: &Centres, x: &[f64]) -> Centres {
 }
 
 /// Origin of the paper's equations: the stated intersection of B and C. `None`: they do not intersect.
-fn intersection(bench: &Bench<'_>) -> Option<Vector3<f64>> {
+fn intersection(bench: &LaserSetup<'_>) -> Option<Vector3<f64>> {
     let point = |axis: Axis| bench.plan.machine.axes.get(&axis).map(|spec| spec.point_mm);
     let ([bx, _, z], [x, y, _]) = (point(Axis::B)?, point(Axis::C)?);
     ((bx - x).abs() < MEETS_MM).then(|| Vector3::new(x, y, z))

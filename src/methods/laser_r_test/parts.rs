@@ -1,6 +1,6 @@
 //! The solved identification with everything that the estimate reports.
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::group::Grouped;
 use super::model::Problem;
 use super::observe::Observed;
@@ -9,7 +9,7 @@ use crate::identification::Identification;
 use estimation::nonlinear::Minimum;
 
 pub struct Parts<'a> {
-    pub bench: &'a Bench<'a>,
+    pub bench: &'a LaserSetup<'a>,
     pub observed: Observed,
     pub grouped: Grouped,
     /// Fit of the sphere's centres and the beam.

@@ -7,7 +7,7 @@ use crate::Refused;
 /// Device that measures the sphere.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum By {
+pub enum MeasuringDevice {
     /// A displacement sensor in the spindle (paper 2).
     #[default]
     Laser,
@@ -18,7 +18,7 @@ pub enum By {
 /// Sampling mode of the sensor.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Sampled {
+pub enum SamplingMode {
     /// At standstill, point by point.
     #[default]
     Dwell,
@@ -29,7 +29,7 @@ pub enum Sampled {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
-    pub by: By,
+    pub by: MeasuringDevice,
     /// Name of the sensor. Empty: the first one of the machine file.
     pub sensor: String,
     /// Id of the sphere. Empty: the first one of the artefact.
@@ -46,7 +46,7 @@ pub struct Settings {
     /// Readings at the sphere's pole for the measurement of the beam's direction, three or more. Empty: the middle
     /// of the sensor's range and 0.7 of half the range to either side.
     pub heights_mm: Vec<f64>,
-    pub sampling: Sampled,
+    pub sampling: SamplingMode,
     /// Dwell points on each of the two lines of a cross. For a continuous scan, number of cells over the longest
     /// side of the scan.
     pub points: usize,
@@ -73,7 +73,7 @@ pub struct Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
-            by: By::Laser,
+            by: MeasuringDevice::Laser,
             sensor: String::new(),
             ball: String::new(),
             parameters: Vec::new(),
@@ -81,7 +81,7 @@ impl Default for Settings {
             tilt_deg: Vec::new(),
             turn_deg: Vec::new(),
             heights_mm: Vec::new(),
-            sampling: Sampled::Dwell,
+            sampling: SamplingMode::Dwell,
             points: 13,
             margin_mm: 0.8,
             feed_mm_min: 600.0,
@@ -167,23 +167,25 @@ impl Settings {
             |why: String, instead: &str| Err(Refused { why, instead: instead.to_owned() });
         let (feed, fast) = (self.feed_mm_min, self.fast_feed_mm_min);
         match self.sampling {
-            Sampled::Dwell => Ok(()),
-            Sampled::Continuous if self.by == By::Probe => refused(
+            SamplingMode::Dwell => Ok(()),
+            SamplingMode::Continuous if self.by == MeasuringDevice::Probe => refused(
                 "sampling = \"continuous\", and a touch probe takes no samples".to_owned(),
                 "leave sampling out, or measure by = \"laser\"",
             ),
-            Sampled::Continuous if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) => refused(
-                format!("rate_hz is {}: that takes no samples", self.rate_hz),
-                "leave it out, or choose what the sensor gives, about 1000",
-            ),
-            Sampled::Continuous if !(fast.is_finite() && fast >= FEEDS * feed) => refused(
+            SamplingMode::Continuous if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) => {
+                refused(
+                    format!("rate_hz is {}: that takes no samples", self.rate_hz),
+                    "leave it out, or choose what the sensor gives, about 1000",
+                )
+            }
+            SamplingMode::Continuous if !(fast.is_finite() && fast >= FEEDS * feed) => refused(
                 format!(
                     "fast_feed_mm_min is {fast}, feed_mm_min {feed}: at feeds so near each other the \
                      sensor's latency is not told from what the axes lose where they turn round"
                 ),
                 "choose fast_feed_mm_min about three times feed_mm_min",
             ),
-            Sampled::Continuous => Ok(()),
+            SamplingMode::Continuous => Ok(()),
         }
     }
 }

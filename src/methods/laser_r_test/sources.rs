@@ -5,7 +5,7 @@ mod outside;
 
 use nalgebra::Vector3;
 
-use super::bench::Bench;
+use super::bench::LaserSetup;
 use super::group::{Group, Grouped, noise_mm};
 use super::latency::Latency;
 use super::model::placed;
@@ -19,7 +19,7 @@ use machine::record::plan::{Step, StepKind};
 
 /// Dwell points with the geometry of the fitted centres and beam.
 struct DwellPoints<'a> {
-    bench: &'a Bench<'a>,
+    bench: &'a LaserSetup<'a>,
     grouped: &'a Grouped,
     /// Outward normal of the sphere at each dwell point, machine frame.
     normals: Vec<Vector3<f64>>,
@@ -29,7 +29,7 @@ struct DwellPoints<'a> {
 
 /// All sources. `latency_index`: index of the first latency unknown among all unknowns.
 pub fn sources(
-    bench: &Bench<'_>,
+    bench: &LaserSetup<'_>,
     observed: &Observed,
     grouped: &Grouped,
     x: &[f64],

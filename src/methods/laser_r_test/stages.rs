@@ -1,11 +1,11 @@
 //! Scans of each stage.
 
-use super::bench::{Bench, Turned};
-use super::cross::{Place, Walk, Wanted, step};
+use super::bench::{LaserSetup, RotaryAxisPositions};
+use super::cross::{Place, ScanMotion, ScanRequest, step};
 use super::label::Pass;
-use super::model::{Model, Problem, Sight, placed};
+use super::model::{Model, Observation, Problem, placed};
 use super::parameters;
-use super::settings::Sampled;
+use super::settings::SamplingMode;
 use super::touches;
 use crate::Refused;
 use estimation::null_names::name_null_space;
@@ -21,7 +21,7 @@ const HEIGHTS: [f64; 3] = [-0.7, 0.0, 0.7];
 pub struct Task {
     pub name: &'static str,
     pub pass: Pass,
-    pub scans: Vec<Wanted>,
+    pub scans: Vec<ScanRequest>,
 }
 
 /// Lists all stages: search, latency (continuous scans only), beam direction, zero position from the circles of the
@@ -29,13 +29,13 @@ pub struct Task {
 ///
 /// # Errors
 /// A position is outside the axis limits, or the poses do not separate the errors.
-pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
+pub fn tasks(bench: &LaserSetup<'_>) -> Result<Vec<Task>, Refused> {
     let middle = middle(bench);
-    let continuous = bench.settings.sampling == Sampled::Continuous;
-    let usual = if continuous { Walk::Slow } else { Walk::Rests };
+    let continuous = bench.settings.sampling == SamplingMode::Continuous;
+    let usual = if continuous { ScanMotion::Slow } else { ScanMotion::Rests };
     let pose = |pass: Pass, detail: &str, rotary: Position, height_mm| {
         let label = pass.label(detail, &rotary);
-        Wanted { rotary, height_mm, label, reference: false, walk: usual }
+        ScanRequest { rotary, height_mm, label, reference: false, walk: usual }
     };
     let poses = |all: Vec<Position>| {
         all.into_iter().map(|at| pose(Pass::Pose, "", at, middle)).collect::<Vec<_>>()
@@ -47,15 +47,17 @@ pub fn tasks(bench: &Bench<'_>) -> Result<Vec<Task>, Refused> {
     let heights = heights_mm(bench).into_iter().zip(1..).filter(|_| !bench.touches());
     let heights = heights
         .map(|(height, number)| pose(Pass::Height, &format!("{number}"), zero.clone(), height));
-    let at_zero = |pass: Pass, which: &str, walk: Walk| Wanted {
+    let at_zero = |pass: Pass, which: &str, walk: ScanMotion| ScanRequest {
         walk,
         ..pose(pass, which, zero.clone(), middle)
     };
-    let find = vec![at_zero(Pass::Find, "", Walk::Rests)];
+    let find = vec![at_zero(Pass::Find, "", ScanMotion::Rests)];
     // References use dwell points: the comparison after an interruption must not depend on a latency.
-    let reference =
-        |which: &str| vec![Wanted { reference: true, ..at_zero(Pass::Pose, which, Walk::Rests) }];
-    let feeds = [("1", Walk::Slow), ("2", Walk::Fast)].into_iter().filter(|_| continuous);
+    let reference = |which: &str| {
+        vec![ScanRequest { reference: true, ..at_zero(Pass::Pose, which, ScanMotion::Rests) }]
+    };
+    let feeds =
+        [("1", ScanMotion::Slow), ("2", ScanMotion::Fast)].into_iter().filter(|_| continuous);
     let feeds = feeds.map(|(which, walk)| at_zero(Pass::Latency, which, walk)).collect();
     let mut tasks = vec![
         Task { name: "find the sphere", pass: Pass::Find, scans: find },
@@ -75,14 +77,14 @@ type Poses = Vec<Position>;
 
 /// All positions except zero: the tilting axis alone, the turning axis alone, both. Consecutive positions are close
 /// together.
-fn positions(bench: &Bench<'_>) -> Result<(Poses, Poses, Poses), Refused> {
+fn positions(bench: &LaserSetup<'_>) -> Result<(Poses, Poses, Poses), Refused> {
     let [tilt, turn] = bench.positions()?;
     let zero = bench.at_zero();
     let at = |axis: Option<Axis>, degrees: f64, from: &Position| match axis {
         Some(axis) => from.clone().with(axis, axis.from_edge(degrees)),
         None => from.clone(),
     };
-    let split = |of: Option<Turned>| match of {
+    let split = |of: Option<RotaryAxisPositions>| match of {
         Some((axis, mut all)) => {
             all.retain(|degrees| *degrees != 0.0);
             (Some(axis), all)
@@ -102,12 +104,12 @@ fn positions(bench: &Bench<'_>) -> Result<(Poses, Poses, Poses), Refused> {
     Ok((tilted, turned, others))
 }
 
-fn middle(bench: &Bench<'_>) -> f64 {
+fn middle(bench: &LaserSetup<'_>) -> f64 {
     let [least, most] = bench.sensor.range_mm;
     (least + most) / 2.0
 }
 
-fn heights_mm(bench: &Bench<'_>) -> Vec<f64> {
+fn heights_mm(bench: &LaserSetup<'_>) -> Vec<f64> {
     if !bench.settings.heights_mm.is_empty() {
         return bench.settings.heights_mm.clone();
     }
@@ -117,18 +119,18 @@ fn heights_mm(bench: &Bench<'_>) -> Vec<f64> {
 
 /// # Errors
 /// The poses do not determine all errors.
-fn check_rank(bench: &Bench<'_>, poses: &[Position]) -> Result<(), Refused> {
+fn check_rank(bench: &LaserSetup<'_>, poses: &[Position]) -> Result<(), Refused> {
     let settings = bench.settings;
     let chosen = parameters::chosen(&bench.chain, &settings.parameters, &settings.harmonics)?;
     let names = parameters::names(&chosen.parameters, &bench.ball.id);
     let count = chosen.parameters.len();
     let model = Model { chain: bench.chain.clone(), parameters: chosen.parameters };
     let (zero, ball) = (bench.zero(), bench.centre());
-    let sights: Vec<Sight> = poses
+    let sights: Vec<Observation> = poses
         .iter()
         .map(|rotary| {
             let xyz = parameters::expected(&bench.chain, rotary, zero, ball)?;
-            Ok(Sight { at: placed(rotary, xyz), weight: nalgebra::Matrix3::identity() })
+            Ok(Observation { at: placed(rotary, xyz), weight: nalgebra::Matrix3::identity() })
         })
         .collect::<Result<_, Refused>>()?;
     let mut x = vec![0.0; count];
@@ -163,7 +165,7 @@ fn refused_rank(why: String) -> Refused {
 /// # Errors
 /// The errors of [`step`].
 pub fn stage(
-    bench: &Bench<'_>,
+    bench: &LaserSetup<'_>,
     task: &Task,
     place: &Place,
     id: u32,
@@ -188,7 +190,7 @@ pub fn stage(
 }
 
 /// Repeats the first reference at exactly the same positions.
-fn again(bench: &Bench<'_>, wanted: &Wanted) -> Vec<Step> {
+fn again(bench: &LaserSetup<'_>, wanted: &ScanRequest) -> Vec<Step> {
     let steps = bench.plan.steps.iter();
     let first = steps.filter(|step| wanted.reference && step.kind == StepKind::Reference);
     let relabelled = |step: &Step| {
@@ -201,7 +203,7 @@ fn again(bench: &Bench<'_>, wanted: &Wanted) -> Vec<Step> {
     first.map(relabelled).collect()
 }
 
-fn found(bench: &Bench<'_>, place: &Place) -> Artefact {
+fn found(bench: &LaserSetup<'_>, place: &Place) -> Artefact {
     let moved = |ball: &Ball| match ball.id == bench.ball.id {
         true => Ball { centre_mm: place.ball.into(), ..ball.clone() },
         false => ball.clone(),

@@ -1,7 +1,7 @@
 //! Chase-the-ball: the sphere's centre from touches instead of sensor samples.
 
-use super::bench::Bench;
-use super::cross::{Place, Wanted};
+use super::bench::LaserSetup;
+use super::cross::{Place, ScanRequest};
 use super::label::{Pass, in_words};
 use super::model::placed;
 use super::parameters;
@@ -22,10 +22,10 @@ const CLEAR_MM: f64 = 0.2;
 /// # Errors
 /// The sphere cannot be touched at this position.
 pub fn steps(
-    bench: &Bench<'_>,
+    bench: &LaserSetup<'_>,
     place: &Place,
     pass: Pass,
-    wanted: &Wanted,
+    wanted: &ScanRequest,
 ) -> Result<Vec<Step>, Refused> {
     let refused = |why: String| Refused {
         why: format!("at {}: {why}", in_words(&wanted.rotary)),

@@ -24,7 +24,7 @@ const TREMBLES_MM: f64 = 2e-3;
 
 /// Readings of one scan in the order of time.
 #[derive(Debug, Clone)]
-pub struct Track {
+pub struct PositionHistory {
     t_s: Vec<f64>,
     /// Positions X, Y, Z at the stamps, and their derivatives by time.
     xyz: Vec<Vector3<f64>>,
@@ -43,7 +43,7 @@ pub struct Track {
 
 /// A value, with the axis positions at the time of its measurement.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen {
+pub struct TimedSample {
     pub xyz: Vector3<f64>,
     /// Velocity in mm/s, and sign of the last motion along each axis (0 before the first motion).
     pub velocity: Vector3<f64>,
@@ -52,7 +52,7 @@ pub struct Seen {
     pub t_s: f64,
 }
 
-impl Track {
+impl PositionHistory {
     pub fn new(readings: &[&Reading]) -> Self {
         let mut sorted = readings.to_vec();
         sorted.sort_by(|one, other| one.t_s.total_cmp(&other.t_s));
@@ -80,7 +80,7 @@ impl Track {
 
     /// Values with the axis positions for this latency. Omitted are values at reversals, at abrupt changes of
     /// velocity, and without a nearby stamp.
-    pub fn seen(&self, latency_s: f64) -> Vec<Seen> {
+    pub fn seen(&self, latency_s: f64) -> Vec<TimedSample> {
         let seen = |&(stamp_s, value): &(f64, f64)| {
             let t_s = stamp_s - latency_s;
             let (xyz, velocity) = (self.at(t_s)?, self.velocity(t_s)?);
@@ -92,16 +92,16 @@ impl Track {
             let sure = self.t_s.get(node) == Some(&t_s) || self.sure.get(node) == Some(&true);
             let unknown = |k: usize| toward[k] == 0.0 && velocity[k].abs() > STANDS * self.fastest;
             let stands = velocity.norm() < STANDS * self.fastest;
-            let seen = Seen { xyz, velocity, toward, value, t_s: stamp_s };
+            let seen = TimedSample { xyz, velocity, toward, value, t_s: stamp_s };
             (sure && !stands && !(0..3).any(unknown)).then_some(seen)
         };
         self.said.iter().filter_map(seen).collect()
     }
 
     /// The same sample with another latency, without another check of its reliability.
-    pub fn again(&self, seen: &Seen, latency_s: f64) -> Option<Seen> {
+    pub fn again(&self, seen: &TimedSample, latency_s: f64) -> Option<TimedSample> {
         let t_s = seen.t_s - latency_s;
-        Some(Seen { xyz: self.at(t_s)?, velocity: self.velocity(t_s)?, ..*seen })
+        Some(TimedSample { xyz: self.at(t_s)?, velocity: self.velocity(t_s)?, ..*seen })
     }
 
     /// Number of values.
@@ -231,7 +231,7 @@ mod tests {
         let x = |t: f64| 10.0 * t;
         let all: Vec<Reading> =
             (0..=100).map(|i| f64::from(i) * 0.01).map(|t| reading(t, x(t), Flag::None)).collect();
-        let track = Track::new(&all.iter().rev().collect::<Vec<_>>());
+        let track = PositionHistory::new(&all.iter().rev().collect::<Vec<_>>());
         let found = |latency: f64| {
             let seen = track.seen(latency);
             *seen.iter().find(|seen| (seen.t_s - 0.5).abs() < 1e-9).unwrap()
@@ -253,8 +253,8 @@ mod tests {
         let x = |t: f64| 250.0 * t * t;
         let times = (0..=20).map(|i| f64::from(i) * 4e-3);
         let all: Vec<Reading> = times.map(|t| reading(t, x(t), Flag::None)).collect();
-        let seen = Track::new(&all.iter().collect::<Vec<_>>()).seen(2e-3);
-        let fast: Vec<&Seen> =
+        let seen = PositionHistory::new(&all.iter().collect::<Vec<_>>()).seen(2e-3);
+        let fast: Vec<&TimedSample> =
             seen.iter().filter(|seen| (0.01..0.075).contains(&seen.t_s)).collect();
         assert!(fast.len() > 10);
         assert!(fast.iter().all(|seen| (seen.xyz.x - x(seen.t_s - 2e-3)).abs() < 1e-12));
@@ -266,7 +266,7 @@ mod tests {
         let flag = |i| if i == 20 { Flag::Range } else { Flag::None };
         let all: Vec<Reading> =
             (0..=100).map(|i| reading(time(i), 10.0 * time(i), flag(i))).collect();
-        let track = Track::new(&all.iter().collect::<Vec<_>>());
+        let track = PositionHistory::new(&all.iter().collect::<Vec<_>>());
         let seen = track.seen(0.005);
         assert!(seen.iter().all(|seen| (seen.t_s - 0.2).abs() > 1e-9));
         // The first two values and the first two after the gap are omitted.

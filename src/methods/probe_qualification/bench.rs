@@ -15,7 +15,7 @@ use planning::measured_ball;
 /// Prefix of the label of a search touch.
 pub const FIND: &str = "find";
 
-pub struct Bench<'a> {
+pub struct QualificationSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
     pub chain: Chain,
@@ -26,7 +26,7 @@ pub struct Bench<'a> {
 
 const QUARTERS_DEG: [f64; 4] = [0.0, 90.0, 180.0, 270.0];
 
-impl<'a> Bench<'a> {
+impl<'a> QualificationSetup<'a> {
     /// # Errors
     /// The machine has no kinematics, the artefact has no balls, or the settings do not describe a possible
     /// measurement.

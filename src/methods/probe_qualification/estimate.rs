@@ -1,6 +1,6 @@
 //! The estimate in the terms and units of the Estimate JSON.
 
-use super::bench::Bench;
+use super::bench::QualificationSetup;
 use super::fit::Fitted;
 use super::observe::Observed;
 use super::sources::Scatter;
@@ -17,7 +17,7 @@ const MISFIT_ADVICE: MisfitAdvice = MisfitAdvice {
     declared_by: "form_um of the method or error_motion_um of the axes",
 };
 
-pub fn estimate(bench: &Bench<'_>, observed: &Observed, fitted: &Fitted) -> Estimate {
+pub fn estimate(bench: &QualificationSetup<'_>, observed: &Observed, fitted: &Fitted) -> Estimate {
     let Fitted { identified, layout, scatter, .. } = fitted;
     let mut estimate = identified.estimate(bench.plan.method.as_str());
     let carried: Vec<String> = layout
@@ -57,7 +57,7 @@ fn repeatability(scatter: Scatter) -> Parameter {
 }
 
 /// Standard deviation of one slow touch in each direction of the circle, pooled over the orientations.
-fn by_direction(bench: &Bench<'_>, observed: &Observed, fitted: &Fitted) -> Function {
+fn by_direction(bench: &QualificationSetup<'_>, observed: &Observed, fitted: &Fitted) -> Function {
     let count = bench.settings.azimuths as usize;
     let pitch = 360.0 / count as f64;
     let mut groups = vec![Vec::new(); count];
@@ -96,7 +96,7 @@ fn by_direction(bench: &Bench<'_>, observed: &Observed, fitted: &Fitted) -> Func
     }
 }
 
-fn cannot_know(bench: &Bench<'_>, fitted: &Fitted) -> Vec<String> {
+fn cannot_know(bench: &QualificationSetup<'_>, fitted: &Fitted) -> Vec<String> {
     let layout = &fitted.layout;
     let mut lines = Vec::new();
     if !layout.separates(1) {
@@ -139,7 +139,7 @@ fn cannot_know(bench: &Bench<'_>, fitted: &Fitted) -> Vec<String> {
 /// to be exceeded.
 const DECLARED: f64 = 0.998;
 
-fn warnings(bench: &Bench<'_>, fitted: &Fitted) -> Vec<String> {
+fn warnings(bench: &QualificationSetup<'_>, fitted: &Fitted) -> Vec<String> {
     let mut lines = Vec::new();
     let Scatter { s_mm, dof, step_mm } = fitted.scatter;
     if let Some(declared) = bench.plan.probe.repeatability_um {

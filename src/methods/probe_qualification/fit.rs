@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use super::bench::Bench;
+use super::bench::QualificationSetup;
 use super::layout::Layout;
 use super::observe::Observed;
 use super::outputs;
@@ -23,7 +23,7 @@ pub struct Fitted {
 
 /// # Errors
 /// The touches do not separate the unknowns, or none is repeated.
-pub fn fit(bench: &Bench<'_>, observed: &Observed) -> Result<Fitted, IdentifyError> {
+pub fn fit(bench: &QualificationSetup<'_>, observed: &Observed) -> Result<Fitted, IdentifyError> {
     let layout = Layout::new(observed, bench.last_order());
     let rows: Vec<Vec<f64>> =
         observed.touches.iter().map(|touch| layout.row(observed, touch)).collect();
@@ -87,7 +87,7 @@ fn within_groups(observed: &Observed, residuals: &[f64]) -> Vec<f64> {
 
 /// Scatter, pooled over all directions.
 fn scatter(
-    bench: &Bench<'_>,
+    bench: &QualificationSetup<'_>,
     observed: &Observed,
     within_mm: &[f64],
 ) -> Result<Scatter, IdentifyError> {

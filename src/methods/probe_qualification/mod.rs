@@ -15,7 +15,7 @@ mod stages;
 
 pub use settings::Settings;
 
-use self::bench::Bench;
+use self::bench::QualificationSetup;
 use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use crate::identification::probe_map;
 use machine::record::estimate::Estimate;
@@ -47,11 +47,11 @@ impl Method for ProbeQualification {
     }
 
     fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-        stages::next(&Bench::new(plan, &self.settings)?, done, source)
+        stages::next(&QualificationSetup::new(plan, &self.settings)?, done, source)
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let bench = Bench::new(plan, &self.settings)?;
+        let bench = QualificationSetup::new(plan, &self.settings)?;
         let observed = observe::observe(&bench, readings)?;
         let fitted = fit::fit(&bench, &observed)?;
         Ok(estimate::estimate(&bench, &observed, &fitted))

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Vector3;
 
-use super::bench::{Bench, FIND};
+use super::bench::{FIND, QualificationSetup};
 use crate::{IdentifyError, Refused};
 use estimation::sphere::fit_sphere;
 use machine::frame::Point;
@@ -58,7 +58,7 @@ impl Observed {
 }
 
 /// A reading with its step.
-struct Taken<'a> {
+struct StepReading<'a> {
     step: &'a Step,
     reading: &'a Reading,
     /// Positions of all axes.
@@ -67,15 +67,18 @@ struct Taken<'a> {
     tip: Vector3<f64>,
 }
 
-impl Taken<'_> {
-    fn is_fast(&self, bench: &Bench<'_>) -> bool {
+impl StepReading<'_> {
+    fn is_fast(&self, bench: &QualificationSetup<'_>) -> bool {
         self.step.feed_mm_min > bench.plan.probe.feed_mm_min
     }
 }
 
 /// # Errors
 /// Readings do not belong to the plan, are missing or do not fit a sphere.
-pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, IdentifyError> {
+pub fn observe(
+    bench: &QualificationSetup<'_>,
+    readings: &[Reading],
+) -> Result<Observed, IdentifyError> {
     let taken = taken(bench, readings)?;
     let slow = taken.iter().filter(|taken| !taken.is_fast(bench));
     let points: Vec<[f64; 3]> = slow.map(|taken| taken.tip.into()).collect();
@@ -86,7 +89,7 @@ pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, Iden
     let radius_mm = bench.measured_ball()?.radius_mm + bench.plan.probe.ball_radius_mm;
     let table = bench.chain.machine_from_table(&bench.rotary, &[]).rotation;
     let mut groups = BTreeMap::new();
-    let touch = |taken: &Taken<'_>| {
+    let touch = |taken: &StepReading<'_>| {
         let from_centre = table * (taken.tip - Vector3::from(sphere.centre));
         let normal = from_centre.normalize();
         let gaps = bench.plan.gaps_s.iter();
@@ -118,7 +121,10 @@ pub fn observe(bench: &Bench<'_>, readings: &[Reading]) -> Result<Observed, Iden
 }
 
 /// All valid readings except those of the search.
-fn taken<'a>(bench: &Bench<'a>, readings: &'a [Reading]) -> Result<Vec<Taken<'a>>, IdentifyError> {
+fn taken<'a>(
+    bench: &QualificationSetup<'a>,
+    readings: &'a [Reading],
+) -> Result<Vec<StepReading<'a>>, IdentifyError> {
     let plan = bench.plan;
     IdentifyError::check_steps(plan, readings)?;
     let mut seen = BTreeSet::new();
@@ -143,7 +149,7 @@ fn taken<'a>(bench: &Bench<'a>, readings: &'a [Reading]) -> Result<Vec<Taken<'a>
         }
         let at = step.from.updated_by(&reading.position);
         let tip = bench.chain.tip_in_table(&at, tip, &[]).mm;
-        taken.push(Taken { step, reading, at, tip });
+        taken.push(StepReading { step, reading, at, tip });
     }
     Ok(taken)
 }

@@ -3,7 +3,7 @@
 use machine::record::estimate::{FigureKind, Unit};
 use nalgebra::Vector3;
 
-use super::bench::Bench;
+use super::bench::QualificationSetup;
 use super::layout::{Layout, harmonic};
 use crate::identification::probe_map::symbols;
 use crate::identification::{Curve, Output, Outputs, unit_slope};
@@ -11,7 +11,7 @@ use crate::identification::{Curve, Output, Outputs, unit_slope};
 /// Step of the curves, degrees.
 const PITCH_DEG: usize = 5;
 
-pub fn outputs(bench: &Bench<'_>, layout: &Layout, x: &[f64]) -> Outputs {
+pub fn outputs(bench: &QualificationSetup<'_>, layout: &Layout, x: &[f64]) -> Outputs {
     let mut parameters = Vec::new();
     if let Some(first) = layout.map.iter().position(|order| *order == 1) {
         // A stylus that is offset towards the surface contacts it earlier.

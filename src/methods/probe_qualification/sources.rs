@@ -3,7 +3,7 @@
 use machine::Axis;
 use nalgebra::Vector3;
 
-use super::bench::Bench;
+use super::bench::QualificationSetup;
 use super::layout::{Layout, harmonic};
 use super::observe::{Observed, Touch};
 use crate::identification::declared::{
@@ -42,7 +42,7 @@ impl Scatter {
 
 /// All sources, with the scatter of the touches first.
 pub fn sources(
-    bench: &Bench<'_>,
+    bench: &QualificationSetup<'_>,
     layout: &Layout,
     observed: &Observed,
     scatter: Scatter,
@@ -78,7 +78,11 @@ fn joint(name: &str, columns: Vec<Vec<f64>>) -> UncertaintySource {
 }
 
 /// Part of the rounding error that the scatter of the touches does not average out: one draw per direction.
-fn resolution(bench: &Bench<'_>, observed: &Observed, scatter: Scatter) -> Vec<Vec<f64>> {
+fn resolution(
+    bench: &QualificationSetup<'_>,
+    observed: &Observed,
+    scatter: Scatter,
+) -> Vec<Vec<f64>> {
     let mut columns = vec![vec![0.0; observed.touches.len()]; observed.groups()];
     for (i, touch) in observed.touches.iter().enumerate() {
         let step_mm = display_step_mm(bench.plan, touch.normal);
@@ -89,7 +93,7 @@ fn resolution(bench: &Bench<'_>, observed: &Observed, scatter: Scatter) -> Vec<V
 
 /// For a section with largest less smallest radius f, any order may have the amplitude f/2 at any phase: its cosine
 /// and sine parts have the standard deviation f/√8 each.
-fn form(bench: &Bench<'_>, layout: &Layout, touches: &[Touch]) -> Vec<Vec<f64>> {
+fn form(bench: &QualificationSetup<'_>, layout: &Layout, touches: &[Touch]) -> Vec<Vec<f64>> {
     let size_mm = bench.settings.form_um.unwrap_or(0.0) * 1e-3 / 8f64.sqrt();
     let orders = layout.map.iter().filter(|order| **order > 1);
     let column = |order: u32, part: usize| {
@@ -100,7 +104,7 @@ fn form(bench: &Bench<'_>, layout: &Layout, touches: &[Touch]) -> Vec<Vec<f64>> 
 
 /// Squareness: a ball of radius r is touched at r·n. Two axes whose angle differs by e from a right angle change
 /// the distance by r·e·n_i·n_j.
-fn squareness(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
+fn squareness(bench: &QualificationSetup<'_>, observed: &Observed) -> Vec<Vec<f64>> {
     let size_mm = bench.plan.machine.squareness_urad * 1e-6 * observed.radius_mm;
     let touches = observed.touches.iter();
     let column = |(i, j): (usize, usize)| {
@@ -110,7 +114,7 @@ fn squareness(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
 }
 
 /// Error motion of the spindle: the ball is displaced in the spindle frame at each orientation.
-fn spindle(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
+fn spindle(bench: &QualificationSetup<'_>, observed: &Observed) -> Vec<Vec<f64>> {
     let size_mm =
         bench.plan.machine.axes.get(&Axis::S).map_or(0.0, |spec| spec.error_motion_um * 1e-3);
     let column = |orientation: usize, k: usize| {
@@ -123,13 +127,13 @@ fn spindle(bench: &Bench<'_>, observed: &Observed) -> Vec<Vec<f64>> {
 }
 
 /// Backlash: each axis lags behind in the direction of the touch.
-fn backlash(bench: &Bench<'_>, touches: &[Touch]) -> Vec<Vec<f64>> {
+fn backlash(bench: &QualificationSetup<'_>, touches: &[Touch]) -> Vec<Vec<f64>> {
     let half = half_backlash_mm(bench.plan);
     let column = |k: usize| touches.iter().map(|touch| half[k] * touch.normal[k].abs()).collect();
     [0, 1, 2].map(column).into()
 }
 
-fn linear_axes(bench: &Bench<'_>, touches: &[Touch]) -> Vec<Vec<f64>> {
+fn linear_axes(bench: &QualificationSetup<'_>, touches: &[Touch]) -> Vec<Vec<f64>> {
     let points: Vec<Vector3<f64>> = touches.iter().map(|touch| touch.axes_mm).collect();
     let along = |k: usize, pattern: &[f64]| {
         touches.iter().zip(pattern).map(|(touch, by)| touch.normal[k] * by).collect::<Vec<f64>>()

@@ -1,7 +1,7 @@
 //! Touches of each stage: first the search for the balls, then touches all around one ball, in each orientation of
 //! the spindle.
 
-use super::bench::{Bench, FIND};
+use super::bench::{FIND, QualificationSetup};
 use super::settings::Settings;
 use crate::{Next, Refused, Source};
 use machine::Position;
@@ -16,7 +16,11 @@ const LEVELS_DEG: [f64; 3] = [0.0, 15.0, 30.0];
 /// Elevation of the second circle above the first one. Its touches check that the map decreases towards the pole.
 const ABOVE_DEG: f64 = 45.0;
 
-pub fn next(bench: &Bench<'_>, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
+pub fn next(
+    bench: &QualificationSetup<'_>,
+    done: &[Stage],
+    source: Source<'_>,
+) -> Result<Next, Refused> {
     let ordinary = done.iter().filter(|stage| stage.repeat < REPEAT_AFTER_STOP).count();
     let orientations = bench.orientations_deg();
     match ordinary {
@@ -38,7 +42,7 @@ pub fn next(bench: &Bench<'_>, done: &[Stage], source: Source<'_>) -> Result<Nex
     }
 }
 
-fn search(bench: &Bench<'_>) -> Result<Vec<Step>, Refused> {
+fn search(bench: &QualificationSetup<'_>) -> Result<Vec<Step>, Refused> {
     let access = Access::new(bench.plan, &bench.plan.artefact)?;
     let rotary = bench.rotary_at(0);
     let (uncertainty_mm, standoff_mm) = (bench.balls.uncertainty_mm, bench.settings.standoff_mm);
@@ -63,7 +67,7 @@ fn refused(ball: &Ball, why: &Unreachable) -> Refused {
 
 /// The touches with the spindle in one orientation.
 struct Orientation<'a> {
-    bench: &'a Bench<'a>,
+    bench: &'a QualificationSetup<'a>,
     found: &'a Balls,
     access: Access,
     rotary: Position,
@@ -71,7 +75,11 @@ struct Orientation<'a> {
 }
 
 impl<'a> Orientation<'a> {
-    fn new(bench: &'a Bench<'a>, found: &'a Balls, index: usize) -> Result<Self, Refused> {
+    fn new(
+        bench: &'a QualificationSetup<'a>,
+        found: &'a Balls,
+        index: usize,
+    ) -> Result<Self, Refused> {
         let access = Access::new(bench.plan, &Artefact::Balls(found.clone()))?;
         Ok(Self { bench, found, access, rotary: bench.rotary_at(index), index })
     }

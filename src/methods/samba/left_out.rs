@@ -2,7 +2,7 @@
 
 use super::model::Model;
 use super::parameters::implied;
-use super::separable::{Beside, Way};
+use super::separable::{Confounding, Way};
 use crate::ball_measurement::tilts_spindle;
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, Shape};
@@ -11,7 +11,7 @@ use machine::kinematics::{ErrorParameter, Shape};
 pub struct LeftOut {
     pub error: ErrorParameter,
     /// What it is inseparable from. `None`: it is separable, but was not selected.
-    beside: Option<Beside>,
+    beside: Option<Confounding>,
     why: &'static str,
 }
 
@@ -54,7 +54,7 @@ impl LeftOut {
 pub fn in_words(all: &[LeftOut]) -> Vec<String> {
     let line = |left: &LeftOut| {
         let LeftOut { error, beside, why } = left;
-        let Beside { names, sums } = beside.as_ref()?;
+        let Confounding { names, sums } = beside.as_ref()?;
         let what = match names.as_slice() {
             [] => "changes nothing that is measured".to_owned(),
             [only] => format!("inseparable from {only}"),

@@ -24,7 +24,7 @@ pub use settings::Settings;
 
 use std::sync::Arc;
 
-use self::design::Bench;
+use self::design::DesignSetup;
 use super::{Description, IdentifyError, Method, Next, Refused, Registered, Source};
 use crate::ball_measurement::{self, MadeVisits, Visit};
 use crate::identification::{assumed_repeatability, expected, with_repeatability};
@@ -39,7 +39,7 @@ pub struct Samba {
 }
 
 impl Samba {
-    fn visits(&self, bench: &Bench<'_>) -> Result<Arc<[Visit]>, Refused> {
+    fn visits(&self, bench: &DesignSetup<'_>) -> Result<Arc<[Visit]>, Refused> {
         self.made.of(bench.plan, || {
             design::design(bench, |visits| {
                 ball_measurement::machine_time_s(&bench.measurement(), visits)
@@ -69,7 +69,7 @@ impl Method for Samba {
     }
 
     fn next(&self, plan: &Plan, done: &[Stage], source: Source<'_>) -> Result<Next, Refused> {
-        let bench = Bench::new(plan, &self.settings)?;
+        let bench = DesignSetup::new(plan, &self.settings)?;
         let visits = self.visits(&bench)?;
         ball_measurement::next(&bench.measurement(), &visits, done, source)
     }

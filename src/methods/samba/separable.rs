@@ -64,7 +64,7 @@ struct Columns {
 
 /// What an error is inseparable from.
 #[derive(Debug, Default)]
-pub struct Beside {
+pub struct Confounding {
     /// Names of errors, coordinates of the stylus (`tool_x`), or the balls. Empty: the error has no effect on
     /// the measurements.
     pub names: Vec<String>,
@@ -113,7 +113,11 @@ impl Way<'_> {
     }
 
     /// What `error` is inseparable from, given the errors `taken`; `None` if it is separable.
-    pub fn inseparable(&self, error: ErrorParameter, taken: &[ErrorParameter]) -> Option<Beside> {
+    pub fn inseparable(
+        &self,
+        error: ErrorParameter,
+        taken: &[ErrorParameter],
+    ) -> Option<Confounding> {
         let all = [taken, &[error]].concat();
         let Columns { stylus, balls, mut machine } = self.columns(&all);
         let column = machine.pop()?;
@@ -125,7 +129,7 @@ impl Way<'_> {
         let of_errors = taken.iter().map(|other| (other.to_string(), kind(*other)));
         let of_stylus =
             free.iter().map(|k| (format!("tool_{}", ["x", "y", "z"][*k]), Kind::Offset));
-        let mut beside = Beside::default();
+        let mut beside = Confounding::default();
         for (j, (name, of)) in of_errors.chain(of_stylus).enumerate().filter(|(j, _)| counts(*j)) {
             let share = shares[j];
             if of == kind(error) && (share.abs() - 1.0).abs() < WHOLE {

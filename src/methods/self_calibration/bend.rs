@@ -10,7 +10,7 @@ use super::model::{Layout, Observation};
 use super::outputs::scale_and_squareness;
 use estimation::trigonometric::Trigonometric;
 
-pub struct Bend {
+pub struct SecondOrderCorrection {
     pub contacts: Vec<Contact>,
     pub heights: Vec<HeightForms>,
 }
@@ -36,7 +36,7 @@ pub struct HeightForms {
     pub forms: Mat<f64>,
 }
 
-impl Bend {
+impl SecondOrderCorrection {
     pub fn new(layout: &Layout, observations: &[Observation]) -> Self {
         let contacts = observations.iter().map(|seen| Contact::new(layout, seen)).collect();
         let heights = (0..layout.heights).map(|height| HeightForms::new(layout, height)).collect();

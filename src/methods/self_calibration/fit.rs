@@ -2,7 +2,7 @@
 
 use faer::{Mat, MatRef, Scale};
 
-use super::bend::Bend;
+use super::bend::SecondOrderCorrection;
 use super::model::{Layout, Observation};
 use crate::identification::{FitFigures, LinearFit, ObservationModel, Response, multiply, rms};
 use estimation::linear::{self, LinearError, LinearProblem, LinearSolution};
@@ -26,7 +26,7 @@ pub struct Fit {
     pub a: Mat<f64>,
     /// Solution without second-order correction.
     pub solution: LinearSolution,
-    pub bend: Option<Bend>,
+    pub bend: Option<SecondOrderCorrection>,
     /// The unknowns, including the second-order correction.
     pub x: Vec<f64>,
 }
@@ -50,7 +50,7 @@ impl Fit {
             constraints: Some(gauge.as_ref()),
             rank_threshold: RANK_THRESHOLD,
         })?;
-        let bend = second_order.then(|| Bend::new(&layout, &observations));
+        let bend = second_order.then(|| SecondOrderCorrection::new(&layout, &observations));
         let mut fit = Self { layout, observations, sigma, a, solution, bend, x: Vec::new() };
         let x = fit.solve_near(Mat::zeros(1, radii.len()).as_ref());
         fit.x = x.row(0).iter().copied().collect();

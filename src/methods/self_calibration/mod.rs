@@ -26,7 +26,7 @@ mod table_axis;
 #[cfg(test)]
 mod tests;
 
-pub use bend::Bend;
+pub use bend::SecondOrderCorrection;
 pub use fit::{Fit, LinearisedFit};
 pub use identify::Fitted;
 pub use settings::Settings;

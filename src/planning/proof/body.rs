@@ -6,7 +6,7 @@ use parry3d_f64::shape::{Cuboid, Cylinder, SupportMap};
 
 use machine::artefact::{self, Part};
 use machine::frame::{Pose, across, unit_vector};
-use machine::kinematics::Carried;
+use machine::kinematics::CarrierChain;
 use machine::record::machine::Solid;
 
 use crate::gjk::Support;
@@ -173,7 +173,7 @@ pub struct Body {
     pub name: String,
     pub role: Role,
     pub shape: Shape,
-    pub carried: Carried,
+    pub carried: CarrierChain,
     /// Corners of the shape, by [`Shape::corners`].
     pub corners: (Vec<Vector3<f64>>, f64),
 }

@@ -6,8 +6,8 @@
 use super::MARGIN_MM;
 use super::refusal::Reason;
 use super::rules;
-use super::scene::Care;
-use super::walk::{Checked, Walk};
+use super::scene::ClearanceRule;
+use super::walk::{Checked, ProgramCheck};
 use crate::careful::{SHORT_MM, round_mm, search_feed};
 use crate::gcode::rs274::ReadMotion;
 use crate::turning;
@@ -16,7 +16,7 @@ use machine::{Axis, Position};
 /// Rounding tolerance of the text, mm.
 const ROUNDING_MM: f64 = 2e-3;
 
-impl Walk<'_> {
+impl ProgramCheck<'_> {
     /// Checks that Z alone moves, or that Z is at its upper end.
     pub(super) fn is_high(&self, target: &Position) -> Checked {
         let aside = |(axis, to): (Axis, f64)| {
@@ -58,7 +58,7 @@ impl Walk<'_> {
         {
             let most = turning::feed_at_most(plan, &self.chain, axis, self.stands());
             rules::feed_at_most("a turn", motion, most)?;
-            return self.go(&motion.target, &Care::Apart(MARGIN_MM));
+            return self.go(&motion.target, &ClearanceRule::Apart(MARGIN_MM));
         }
         rules::feed_at_most("a short way", motion, search_feed(plan))?;
         let ends = self.stands().updated_by(&motion.target);
@@ -82,14 +82,14 @@ impl Walk<'_> {
     }
 
     /// Required clearance of a guarded move without rotary axes.
-    pub(super) fn careful_guarded(&self, motion: &ReadMotion) -> Result<Care, Reason> {
+    pub(super) fn careful_guarded(&self, motion: &ReadMotion) -> Result<ClearanceRule, Reason> {
         if !self.feels_around(motion) {
             self.is_high(&motion.target)?;
         }
         let slow = rules::feed_at_most("", motion, search_feed(self.request().plan)).is_ok();
         Ok(match slow || self.confirmed.is_begun() {
             true => self.guarded_care(),
-            false => Care::Apart(MARGIN_MM),
+            false => ClearanceRule::Apart(MARGIN_MM),
         })
     }
 }

@@ -8,7 +8,7 @@
 
 use super::proven::{ProvenBlock, Unproven, read_block, read_programs};
 use super::refusal::{Reason, Refusal};
-use super::scene::{Care, Scene};
+use super::scene::{ClearanceRule, Scene};
 use super::sweep::Way;
 use super::{MARGIN_MM, rules};
 use crate::gcode::rs274::{Frame, Kind, ReadMotion};
@@ -162,7 +162,7 @@ fn free(request: &JogRequest<'_>, motion: &ReadMotion) -> Result<Option<Clearanc
                 *command += sense * moved.from_edge(by);
             }
             let most = nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
-            let found = scene.look(&Way { from, to }, &Care::Apart(MARGIN_MM), most)?;
+            let found = scene.look(&Way { from, to }, &ClearanceRule::Apart(MARGIN_MM), most)?;
             if let Some((clearance_mm, between)) = found {
                 nearest = Some(Clearance { step: 0, line: motion.line, clearance_mm, between });
             }
@@ -180,7 +180,7 @@ fn check_approaches_nothing(
     let scene = Scene::new(plan, &plan.artefact)?;
     let way =
         Way { from: commands(plan, stands)?, to: commands(plan, &stands.clone().with(axis, to))? };
-    let found = scene.look(&way, &Care::Retracting, f64::INFINITY)?;
+    let found = scene.look(&way, &ClearanceRule::Retracting, f64::INFINITY)?;
     let line = motion.line;
     Ok(found.map(|(clearance_mm, between)| Clearance { step: 0, line, clearance_mm, between }))
 }

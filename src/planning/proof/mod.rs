@@ -118,5 +118,5 @@ pub fn prove(request: &Request<'_>) -> Result<Proof, Refusal> {
 
 /// Like [`prove`], for programs that were read back already.
 fn prove_motions(request: &Request<'_>, motions: Vec<ReadMotion>) -> Result<Proof, Refusal> {
-    walk::Walk::begin(request, motions)?.through()
+    walk::ProgramCheck::begin(request, motions)?.through()
 }

@@ -4,7 +4,7 @@ use super::MARGIN_MM;
 use super::body::{Body, Role};
 use super::sweep::{Demand, Way, sweep};
 use machine::Axis;
-use machine::kinematics::{Carried, Side};
+use machine::kinematics::{CarrierChain, Side};
 
 /// Two bodies that could collide, relative to the last carrier that they share.
 pub struct Pair {
@@ -12,7 +12,7 @@ pub struct Pair {
     pub other: Body,
     /// Indices of the two bodies in the list of all bodies.
     pub numbers: [usize; 2],
-    pub meets: Meets,
+    pub meets: PairRole,
     /// Whether the pair is stylus and artefact, whose contact the probe detects.
     pub felt: bool,
     /// Maximum reduction of the distance of the two by the uncertainty of the artefact, mm.
@@ -24,7 +24,7 @@ pub struct Pair {
 
 /// Role of a pair in the touch of one body of the artefact, which has the contained number.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Meets {
+pub enum PairRole {
     /// The stylus ball and that body, which are meant to meet.
     Touch(usize),
     /// A part that moves with the stylus ball, and that body or its stem; or the stylus ball and that stem.
@@ -103,20 +103,20 @@ fn pair(bodies: &[Body], one: usize, other: usize, uncertainty: f64) -> Option<P
     };
     let felt = matches!(a.role, Role::StylusBall | Role::StylusStem) && of_artefact(b);
     let grown = if of_artefact(a) || of_artefact(b) { uncertainty } else { 0.0 };
-    let [of_one, of_other] = Carried::between(&a.carried, &b.carried);
+    let [of_one, of_other] = CarrierChain::between(&a.carried, &b.carried);
     let numbers = [one, other];
     let (one, other) =
         (Body { carried: of_one, ..a.clone() }, Body { carried: of_other, ..b.clone() });
     Some(Pair { one, other, numbers, meets, felt, grown, measured_gap })
 }
 
-fn meets(one: &Body, other: &Body, bodies: &[Body]) -> Meets {
+fn meets(one: &Body, other: &Body, bodies: &[Body]) -> PairRole {
     match (one.role, other.role) {
-        (Role::StylusBall, Role::Touched(number)) => Meets::Touch(number),
+        (Role::StylusBall, Role::Touched(number)) => PairRole::Touch(number),
         (_, Role::Touched(number) | Role::StemOf(number)) if rides(one, bodies) => {
-            Meets::Beside(number)
+            PairRole::Beside(number)
         }
-        _ => Meets::Never,
+        _ => PairRole::Never,
     }
 }
 

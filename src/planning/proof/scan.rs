@@ -6,8 +6,8 @@
 use super::MARGIN_MM;
 use super::refusal::Reason;
 use super::rules;
-use super::scene::Care;
-use super::walk::{Checked, Phase, Walk};
+use super::scene::ClearanceRule;
+use super::walk::{Checked, Phase, ProgramCheck};
 use crate::careful::{is_in_nest, near_feed, nest_feed};
 use crate::gcode::rs274::{Kind, ReadMotion};
 use crate::turning;
@@ -17,7 +17,7 @@ use machine::{Axis, Position};
 /// Rounding tolerance of times, which have three decimals, s.
 const REST_ROUNDING: f64 = 0.000_501;
 
-impl Walk<'_> {
+impl ProgramCheck<'_> {
     pub(super) fn scan(&mut self, motion: &ReadMotion, step: &Step, scan: &Scan) -> Checked {
         self.begin_in_place(scan)?;
         match (motion.kind, self.phase) {
@@ -51,7 +51,7 @@ impl Walk<'_> {
             (Kind::Stop, _) => Err(Reason::StopsElsewhere),
             (_, Phase::Scanning { .. }) => Err(Reason::OffPath),
             (Kind::Rapid, _) if !self.is_confirmed() => Err(Reason::RapidUnconfirmed),
-            (Kind::Rapid, _) => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
+            (Kind::Rapid, _) => self.go(&motion.target, &ClearanceRule::Apart(MARGIN_MM)),
             (Kind::Orient { s }, _) => self.orient(s),
             (Kind::Probe { .. }, _) => Err(Reason::ProbeInScan),
         }
@@ -95,11 +95,11 @@ impl Walk<'_> {
 
     /// Required clearance of a feed move of a scan. A move that is too fast for a hold to stop it in time keeps the
     /// margin from the sensors too.
-    fn scan_care(&self, motion: &ReadMotion) -> Care {
+    fn scan_care(&self, motion: &ReadMotion) -> ClearanceRule {
         let is_slow = || rules::feed_at_most("", motion, self.nest_feed()).is_ok();
         match self.is_in_nest() && (turns(motion) || is_slow()) {
-            true => Care::InNest(MARGIN_MM),
-            false => Care::Apart(MARGIN_MM),
+            true => ClearanceRule::InNest(MARGIN_MM),
+            false => ClearanceRule::Apart(MARGIN_MM),
         }
     }
 

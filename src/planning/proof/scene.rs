@@ -5,13 +5,13 @@ use nalgebra::Vector3;
 use super::MARGIN_MM;
 use super::body::{Body, Role, Shape};
 use super::gap::Across;
-use super::pairs::{Meets, Pair, pairs};
+use super::pairs::{Pair, PairRole, pairs};
 use super::refusal::Reason;
 use super::sweep::{Demand, FOUND_WITHIN, Way, nearest_origin, sweep};
 use machine::Axis;
 use machine::artefact::{self, Part};
 use machine::frame::Pose;
-use machine::kinematics::{Carried, Chain, Side};
+use machine::kinematics::{CarrierChain, Chain, Side};
 use machine::record::artefact::Artefact;
 use machine::record::machine::Carrier;
 use machine::record::plan::Plan;
@@ -39,7 +39,7 @@ type Found = (f64, [String; 2]);
 
 /// Clearance rule for a path.
 #[derive(Debug, Clone, Copy)]
-pub enum Care {
+pub enum ClearanceRule {
     /// All pairs stay farther apart than this, mm, wherever the artefact is within its uncertainty.
     Apart(f64),
     /// Like `Apart`, but the stylus ball may be as near to a sensor on the table as the sensor's range allows.
@@ -100,29 +100,37 @@ impl Scene {
     ///
     /// # Errors
     /// The first pair that comes too near, or cannot be proven clear.
-    pub fn look(&self, way: &Way, care: &Care, most: f64) -> Result<Option<Found>, Reason> {
+    pub fn look(
+        &self,
+        way: &Way,
+        care: &ClearanceRule,
+        most: f64,
+    ) -> Result<Option<Found>, Reason> {
         let mut found = None;
         let mut nearest = most;
         let centres = (!way.turns()).then(|| self.centres(way));
         for pair in &self.pairs {
             let (need, across) = match (care, pair.meets) {
-                (Care::Apart(need), _) => (*need, None),
-                (Care::InNest(need), _) => (pair.measured_gap.unwrap_or(*need), None),
-                (Care::Guarded, _) => (pair.guarded(), None),
-                (Care::Leaving, _) => {
+                (ClearanceRule::Apart(need), _) => (*need, None),
+                (ClearanceRule::InNest(need), _) => (pair.measured_gap.unwrap_or(*need), None),
+                (ClearanceRule::Guarded, _) => (pair.guarded(), None),
+                (ClearanceRule::Leaving, _) => {
                     (at_start(pair, way).unwrap_or(0.0).min(pair.guarded()), None)
                 }
-                (Care::Retracting, _) => match at_start(pair, way) {
+                (ClearanceRule::Retracting, _) => match at_start(pair, way) {
                     Some(apart) => (apart.min(MARGIN_MM), None),
                     None => continue,
                 },
-                (Care::Strangers(meant), meets) if !meets.of(*meant) => (UNFELT_MM, None),
-                (Care::Riders(meant, across), Meets::Beside(number)) if number == *meant => {
+                (ClearanceRule::Strangers(meant), meets) if !meets.of(*meant) => (UNFELT_MM, None),
+                (ClearanceRule::Riders(meant, across), PairRole::Beside(number))
+                    if number == *meant =>
+                {
                     (pair.guarded(), Some(*across))
                 }
                 _ => continue,
             };
-            let counts = !pair.one_side() && (!matches!(pair.meets, Meets::Touch(_)) || need > 0.0);
+            let counts =
+                !pair.one_side() && (!matches!(pair.meets, PairRole::Touch(_)) || need > 0.0);
             let grown = if across.is_none() { pair.grown } else { 0.0 };
             let demand =
                 Demand { need, grown, across, nearest: if counts { nearest } else { need } };
@@ -148,7 +156,7 @@ impl Scene {
 
     /// Centre of each body at both ends of the path, machine frame.
     fn centres(&self, way: &Way) -> Vec<[Vector3<f64>; 2]> {
-        let mut poses: Vec<(&Carried, [Pose; 2])> = Vec::new();
+        let mut poses: Vec<(&CarrierChain, [Pose; 2])> = Vec::new();
         let of = |body: &Body, [from, to]: [Pose; 2]| {
             let (centre, _) = body.shape.bounds();
             [from.transform_point(&centre.into()).coords, to.transform_point(&centre.into()).coords]
@@ -198,7 +206,7 @@ impl Pair {
     }
 }
 
-impl Meets {
+impl PairRole {
     /// Whether the pair concerns this body of the artefact.
     fn of(self, meant: usize) -> bool {
         matches!(self, Self::Touch(number) | Self::Beside(number) if number == meant)

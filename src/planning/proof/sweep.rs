@@ -1,7 +1,7 @@
 //! Smallest distance of two bodies during a motion, found by repeated bisection of the path.
 //!
 //! During a part of the path, no point moves farther from its position in the middle than
-//! [`Going::sweep`](machine::kinematics::Going::sweep) states. If the bodies are farther apart than that in the
+//! [`CarrierMotion::sweep`](machine::kinematics::Going::sweep) states. If the bodies are farther apart than that in the
 //! middle, they do not meet during that part. Without rotation, a direction that separates two bodies separates
 //! them along the whole path, and one evaluation is often enough. Rotary axes move together with linear axes,
 //! straight in joint space, and the bound also covers the positions between the evaluated ones.
@@ -12,7 +12,7 @@ use super::body::Body;
 use super::gap::{Across, gap};
 use machine::Axis;
 use machine::frame::unit_vector;
-use machine::kinematics::{Commands, Going};
+use machine::kinematics::{CarrierMotion, Commands};
 
 /// Accuracy of the smallest clearance of a step, mm.
 pub(super) const FOUND_WITHIN: f64 = 0.02;
@@ -80,7 +80,7 @@ pub fn sweep(way: &Way, one: &Body, other: &Body, demand: &Demand) -> Result<Opt
     let [one_goes, other_goes] = [one, other].map(|body| body.carried.going(&way.from, &way.to));
     while let Some((at, share)) = parts.pop() {
         let (middle, half) = (way.middle(at), way.half(share));
-        let sweep = |body: &Body, goes: &Going| {
+        let sweep = |body: &Body, goes: &CarrierMotion| {
             let (corners, radius) = &body.corners;
             goes.sweep(&middle, &half, corners, *radius)
         };

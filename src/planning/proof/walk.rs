@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::refusal::{Reason, Refusal};
-use super::scene::{Care, Scene};
+use super::scene::{ClearanceRule, Scene};
 use super::sweep::Way;
 use super::{MARGIN_MM, Request, rules, touch};
 use crate::Confirmed;
@@ -34,7 +34,7 @@ fn asks(step: &Step) -> bool {
     step.kind == StepKind::Prompt
 }
 
-pub struct Walk<'a> {
+pub struct ProgramCheck<'a> {
     request: &'a Request<'a>,
     motions: Vec<ReadMotion>,
     /// Steps of all stages, each with the number of its stage.
@@ -57,7 +57,7 @@ pub struct Walk<'a> {
 
 pub(super) type Checked = Result<(), Reason>;
 
-impl<'a> Walk<'a> {
+impl<'a> ProgramCheck<'a> {
     /// Begins the check. `motions`: the motions of the request's programs, as read back.
     pub fn begin(request: &'a Request<'a>, motions: Vec<ReadMotion>) -> Result<Self, Refusal> {
         let at = |line| move |reason| Refusal { step: None, line, reason };
@@ -151,7 +151,7 @@ impl<'a> Walk<'a> {
             _ if self.phase == Phase::Touched => Err(Reason::NotBack),
             Kind::Orient { s } => self.orient(s),
             Kind::Rapid if !self.is_confirmed() => Err(Reason::RapidUnconfirmed),
-            Kind::Rapid => self.go(&motion.target, &Care::Apart(MARGIN_MM)),
+            Kind::Rapid => self.go(&motion.target, &ClearanceRule::Apart(MARGIN_MM)),
             Kind::Probe { must_touch } => self.probe(motion, must_touch),
             Kind::Stop => Err(Reason::StopsElsewhere),
         }
@@ -189,7 +189,7 @@ impl<'a> Walk<'a> {
             (_, Phase::Asked) => return Ok(()),
             (Some(scan), _) => self.scanned(scan)?,
             (None, Phase::Touched) => return Err(Reason::Unfinished("its way back from contact")),
-            (None, Phase::Back) => self.go(&Position::new(), &Care::Apart(MARGIN_MM))?,
+            (None, Phase::Back) => self.go(&Position::new(), &ClearanceRule::Apart(MARGIN_MM))?,
             (None, _) => return Err(Reason::Unfinished("its touch")),
         }
         self.proof.steps.extend(self.nearest.take());
@@ -234,7 +234,7 @@ impl<'a> Walk<'a> {
         rules::braking(motion, &self.request.plan.machine, probe)?;
         let care = match (turns, self.is_confirmed()) {
             (true, false) => return Err(Reason::TurnsUnconfirmed),
-            (true, true) => Care::Apart(MARGIN_MM),
+            (true, true) => ClearanceRule::Apart(MARGIN_MM),
             (false, false) => self.careful_guarded(motion)?,
             (false, true) => self.guarded_care(),
         };
@@ -242,8 +242,8 @@ impl<'a> Walk<'a> {
     }
 
     /// Clearance rule of a guarded move. A machine that was stopped at a low position may first move up from it.
-    pub(super) fn guarded_care(&self) -> Care {
-        if self.proof.motions == 0 { Care::Leaving } else { Care::Guarded }
+    pub(super) fn guarded_care(&self) -> ClearanceRule {
+        if self.proof.motions == 0 { ClearanceRule::Leaving } else { ClearanceRule::Guarded }
     }
 
     fn touch(&mut self, motion: &ReadMotion, step: &Step) -> Checked {
@@ -259,9 +259,9 @@ impl<'a> Walk<'a> {
             touch::reach(scene, &way, braking, step.normal)?
         };
         // At its start, the ball is clear of the artefact, wherever the artefact is.
-        self.look(&Way { from, to: from }, &Care::Guarded)?;
-        self.look(&way, &Care::Strangers(reach.body))?;
-        self.look(&reach.way, &Care::Riders(reach.body, reach.across))?;
+        self.look(&Way { from, to: from }, &ClearanceRule::Guarded)?;
+        self.look(&way, &ClearanceRule::Strangers(reach.body))?;
+        self.look(&reach.way, &ClearanceRule::Riders(reach.body, reach.across))?;
         self.stands = self.stands.only(|axis| motion.target.get(axis).is_none());
         self.phase = Phase::Touched;
         Ok(())
@@ -291,7 +291,7 @@ impl<'a> Walk<'a> {
         let turned = |by: f64| self.stands.clone().with(Axis::S, s + by);
         let (from, to) = (self.commands(&turned(-PI)), self.commands(&turned(PI)));
         match (from, to) {
-            (Ok(from), Ok(to)) => self.look(&Way { from, to }, &Care::Apart(MARGIN_MM))?,
+            (Ok(from), Ok(to)) => self.look(&Way { from, to }, &ClearanceRule::Apart(MARGIN_MM))?,
             _ => self.blind.push(self.line),
         }
         self.stands.set(Axis::S, s);
@@ -299,7 +299,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Checks a straight move to `target`.
-    pub(super) fn go(&mut self, target: &Position, care: &Care) -> Checked {
+    pub(super) fn go(&mut self, target: &Position, care: &ClearanceRule) -> Checked {
         let ends = self.stands.updated_by(target);
         match (self.commands(&self.stands), self.commands(&ends)) {
             (Ok(from), Ok(to)) => self.look(&Way { from, to }, care)?,
@@ -320,7 +320,7 @@ impl<'a> Walk<'a> {
     }
 
     /// Checks that the path is free, and keeps the smallest clearance.
-    fn look(&mut self, way: &Way, care: &Care) -> Checked {
+    fn look(&mut self, way: &Way, care: &ClearanceRule) -> Checked {
         let most = self.nearest.as_ref().map_or(f64::INFINITY, |nearest| nearest.clearance_mm);
         let found = self.scene().map_or(Ok(None), |scene| scene.look(way, care, most))?;
         if let Some((clearance_mm, between)) = found {

@@ -253,7 +253,7 @@ fn the_order_of_seven_balls_is_the_best_of_all_5040() {
     ];
     let places: Vec<Position> =
         xy.iter().map(|[x, y]| at(&[(Axis::X, *x), (Axis::Y, *y)])).collect();
-    let found = Ways::in_xy(&places, None, &machine).tour(1);
+    let found = TravelTimes::in_xy(&places, None, &machine).tour(1);
     let seconds = |order: &[usize]| -> f64 {
         let pairs = order.windows(2);
         pairs.map(|pair| time::motion_s(&places[pair[0]], &places[pair[1]], None, &machine)).sum()
@@ -263,7 +263,7 @@ fn the_order_of_seven_balls_is_the_best_of_all_5040() {
     assert!((seconds(&found) - best).abs() < 1e-9, "{found:?}");
     // The same from a given start position, which is not one of the places.
     let stands = at(&[(Axis::X, -90.0), (Axis::Y, 90.0)]);
-    let found = Ways::in_xy(&places, Some(&stands), &machine).tour(1);
+    let found = TravelTimes::in_xy(&places, Some(&stands), &machine).tour(1);
     let begin = |order: &[usize]| time::motion_s(&stands, &places[order[0]], None, &machine);
     let mut best = f64::INFINITY;
     permute(&mut (0..7).collect(), 0, &mut |order| best = best.min(begin(order) + seconds(order)));

@@ -108,7 +108,7 @@ impl Individuals {
             };
             (Piece::Dashed, format!("tolerance ±{limit} {}{beyond}", number::unit(unit)))
         }));
-        told.extend((!self.steps.is_empty()).then(|| (Piece::Upright, "step".to_owned())));
+        told.extend((!self.steps.is_empty()).then(|| (Piece::ToolSweep, "step".to_owned())));
         told
     }
 

@@ -24,7 +24,7 @@ pub(super) enum Piece {
     Band,
     Shaded,
     Dashed,
-    Upright,
+    ToolSweep,
     /// Marker of the thermometer with this number.
     Marker(usize),
 }
@@ -61,7 +61,7 @@ fn draw(area: &Area<'_>, piece: Piece, (x, y): (i32, i32)) -> Drawn {
                 area.draw(&PathElement::new(across(begin, dash, y), INK.stroke_width(4)))?;
             }
         }
-        Piece::Upright => {
+        Piece::ToolSweep => {
             let line = vec![(x + PIECE / 2, y - 18), (x + PIECE / 2, y + 18)];
             area.draw(&PathElement::new(line, INK.stroke_width(3)))?;
         }

@@ -70,7 +70,7 @@ async fn nothing_is_sent_between_question_and_answer_and_then_it_is_looked_anew(
     let looks = Mutex::new(0);
     let answers = |_| {
         let note = note.clone();
-        Answers::new(move |_| {
+        PromptAnswers::new(move |_| {
             note();
             let mut looks = looks.lock().unwrap();
             *looks += 1;
@@ -101,13 +101,13 @@ async fn nothing_is_sent_between_question_and_answer_and_then_it_is_looked_anew(
 async fn a_halt_ends_the_wait_and_without_anybody_nothing_begins() {
     let shop = Shop::new(TWO);
     let (method, _) = shop.method();
-    let nobody = |_| Answers::nobody();
+    let nobody = |_| PromptAnswers::nobody();
     let (refused, stored) = shop.runs(method.as_ref(), nobody, |_, _| {}).await;
     assert!(matches!(refused, Err(RunError::NobodyThere { .. })), "{refused:?}");
     assert_eq!((shop.calls(), stored.summary.state), (vec![], RunState::Failed));
 
     let stops = |halt: Halt| {
-        Answers::new(move |_| {
+        PromptAnswers::new(move |_| {
             halt.now();
             None
         })
@@ -134,7 +134,7 @@ async fn what_was_answered_is_not_asked_again_after_a_stop() {
     let shop = Shop::new("");
     let method = Turning { inner: shop.method().0, late: false };
     let stops = |halt: Halt| {
-        Answers::new(move |asked| {
+        PromptAnswers::new(move |asked| {
             if asked.repeat == 1 {
                 halt.now();
             }

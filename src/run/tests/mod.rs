@@ -6,11 +6,9 @@ mod time_left;
 use std::sync::{Arc, Mutex};
 
 use super::*;
-use crate::setup::{self, MachineFile, Pace, Past};
+use crate::setup::{self, MachineFile, Pace, RunHistory};
 use crate::store::{NewRun, StoredRun};
-use devices::controllers::{
-    Controller, ControllerError, Driver, Halt, Introduction, Look, Prepared,
-};
+use devices::controllers::{Controller, ControllerError, DeviceInfo, Driver, Halt, Look, Prepared};
 use machine::record::motion::Outcome;
 use planning::proof::ProvenBlock;
 
@@ -42,7 +40,7 @@ impl Driver for Counted {
         self.count("look").look().await
     }
 
-    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
         self.count("introduce").introduce().await
     }
 
@@ -73,7 +71,7 @@ impl Shop {
         setup::header(&self.file, "self-calibration", None).unwrap()
     }
 
-    async fn devices(&self, past: Past<'_>) -> (Devices, Halt) {
+    async fn devices(&self, past: RunHistory<'_>) -> (Devices, Halt) {
         let mut devices = setup::devices(&self.file, Pace::Fast, past).await.unwrap();
         let halt = devices.controller.halt();
         let (halt_too, calls) = (halt.clone(), self.calls.clone());
@@ -87,13 +85,13 @@ impl Shop {
     async fn runs(
         &self,
         method: &dyn Method,
-        answers: impl FnOnce(Halt) -> Answers,
+        answers: impl FnOnce(Halt) -> PromptAnswers,
         tell: impl Fn(&Event, &Halt),
     ) -> (Result<(), RunError>, StoredRun) {
         let (_, plan) = self.method();
         let new = NewRun { config: self.file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin(&new).await.unwrap();
-        let (devices, halt) = self.devices(Past::default()).await;
+        let (devices, halt) = self.devices(RunHistory::default()).await;
         let mut tell = |event: &Event| tell(event, &halt);
         let run = Run::new(id, method, &devices, &self.journal, plan, &mut tell);
         let ended = run.asking(answers(halt.clone())).execute().await;
@@ -108,7 +106,8 @@ impl Shop {
         tell: impl Fn(&Event, &Halt),
     ) -> (Result<(), RunError>, StoredRun) {
         let id = stored.summary.id;
-        let past = Past { readings: &stored.readings, elapsed_s: 60.0, ..Past::default() };
+        let past =
+            RunHistory { readings: &stored.readings, elapsed_s: 60.0, ..RunHistory::default() };
         let (devices, halt) = self.devices(past).await;
         let mut tell = |event: &Event| tell(event, &halt);
         let answered = super::asking::answered(&stored.events);
@@ -137,7 +136,7 @@ fn dead() -> Controller {
         async fn look(&mut self) -> Result<Look, ControllerError> {
             Err(ControllerError::DriverGone)
         }
-        async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+        async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
             Err(ControllerError::DriverGone)
         }
         async fn finish(&mut self) -> Result<(), ControllerError> {
@@ -147,6 +146,6 @@ fn dead() -> Controller {
     Controller::spawn(Nothing, Halt::new(|| {}))
 }
 
-fn ada() -> Answers {
-    Answers::new(|_| Some("Ada".to_owned()))
+fn ada() -> PromptAnswers {
+    PromptAnswers::new(|_| Some("Ada".to_owned()))
 }

@@ -14,7 +14,7 @@ use super::openapi::views::VerdictView;
 use super::{ServedMachine, Web};
 use crate::service::command_gate::CommandGate;
 use crate::service::machine_state::State;
-use crate::store::{Journal, Newest, NewestRuns, RunId, StoreError};
+use crate::store::{Journal, LatestResult, NewestRuns, RunId, StoreError};
 use machine::record::estimate::{Parameter, Verdict};
 
 /// Period of the journal query; another process that measures does not notify this service.
@@ -102,8 +102,8 @@ pub struct NewestResult {
 }
 
 impl NewestResult {
-    fn of(newest: &Newest, holds: SignedDuration, now: Timestamp) -> Self {
-        let Newest { run, ended, verdict, .. } = newest;
+    fn of(newest: &LatestResult, holds: SignedDuration, now: Timestamp) -> Self {
+        let LatestResult { run, ended, verdict, .. } = newest;
         let age = now.duration_since(*ended);
         let outdated = age > holds || age < -AHEAD;
         Self { run: run.0, measured: *ended, verdict: *verdict, outdated }
@@ -144,7 +144,7 @@ mod tests {
     fn a_verdict_has_its_time() {
         let ended: Timestamp = "2026-11-22T05:30:00Z".parse().unwrap();
         let newest =
-            Newest { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
+            LatestResult { run: RunId(7), ended, verdict: Verdict::Pass, parameters: Vec::new() };
         let hours = SignedDuration::from_hours;
         let outdated = |age| NewestResult::of(&newest, hours(192), ended + age).outdated;
         assert!(!outdated(hours(0)) && !outdated(hours(192)));

@@ -9,7 +9,7 @@ use minijinja::Environment;
 use minijinja::value::Value;
 
 use super::{SetupError, controls, modes};
-use devices::controllers::{AxisSays, ControllerError, Introduction, Leave, Named, Suspicion};
+use devices::controllers::{ControllerError, DeviceInfo, Diagnosis, Leave, Named, ReportedAxis};
 use link::clock::HostClock;
 use machine::Axis;
 use machine::record::machine::{Machine, Sense};
@@ -43,7 +43,7 @@ impl Draft {
     ///
     /// # Errors
     /// The control cannot be opened or does not answer.
-    pub async fn introduce(&self, control: &dyn Named) -> Result<Introduction, SetupError> {
+    pub async fn introduce(&self, control: &dyn Named) -> Result<DeviceInfo, SetupError> {
         let modes = modes(&Dialect::named(control.dialect())?, &nobodys(), control.log())?;
         let controller = control.open(&nobodys(), modes, Arc::new(HostClock::start())).await?;
         Ok(controller.introduce().await?)
@@ -55,7 +55,7 @@ impl Draft {
         control: &dyn Named,
         failed: &ControllerError,
         leave: Leave,
-    ) -> Vec<Suspicion> {
+    ) -> Vec<Diagnosis> {
         control.diagnose(&nobodys(), failed, leave).await
     }
 
@@ -63,7 +63,7 @@ impl Draft {
     ///
     /// # Errors
     /// A topology with an axis that the control does not drive.
-    pub fn write(&self, said: &Introduction) -> Result<String, SetupError> {
+    pub fn write(&self, said: &DeviceInfo) -> Result<String, SetupError> {
         let driven: Vec<Axis> = said.axes.keys().copied().collect();
         let topology = match &self.topology {
             Some(topology) => topology.clone(),
@@ -121,7 +121,7 @@ fn one_line(text: &str) -> String {
 }
 
 /// Template values of one axis. Without limits from the control the range is kept short.
-fn lines(axis: Axis, says: AxisSays) -> Value {
+fn lines(axis: Axis, says: ReportedAxis) -> Value {
     let turns = !axis.is_linear();
     let half = match axis {
         Axis::C => 360.0,

@@ -1,6 +1,6 @@
 use super::*;
 use crate::setup::MachineFile;
-use devices::controllers::Remark;
+use devices::controllers::ReadinessFinding;
 use machine::record::machine::Sense;
 
 fn draft(controller: &str, topology: Option<&str>) -> Draft {
@@ -8,20 +8,20 @@ fn draft(controller: &str, topology: Option<&str>) -> Draft {
     Draft { controller, name: None, topology: topology.map(str::to_owned) }
 }
 
-fn said(letters: &str) -> Introduction {
+fn said(letters: &str) -> DeviceInfo {
     let axes = letters.chars().map(|letter| {
-        let says = AxisSays {
+        let says = ReportedAxis {
             travel: Some(300.0),
             rapid_per_min: Some(2500.0),
             step: Some(0.001),
-            ..AxisSays::default()
+            ..ReportedAxis::default()
         };
         (letter.to_string().parse().unwrap(), says)
     });
-    Introduction {
+    DeviceInfo {
         identity: "Grbl 1.1f\nnot a line".to_owned(),
         axes: axes.collect(),
-        ..Introduction::default()
+        ..DeviceInfo::default()
     }
 }
 
@@ -56,8 +56,11 @@ fn ends_that_the_control_tells_are_taken_and_remarks_are_comments() {
     let mut said = said("XYZBC");
     let z = said.axes.get_mut(&Axis::Z).unwrap();
     (z.min, z.max) = (Some(-298.5), Some(0.0));
-    said.remarks =
-        vec![Remark { hinders: true, what: "a\nb".to_owned(), remedy: "$13=0".to_owned() }];
+    said.remarks = vec![ReadinessFinding {
+        hinders: true,
+        what: "a\nb".to_owned(),
+        remedy: "$13=0".to_owned(),
+    }];
     let text = draft(GRBL, Some("w-C-B-F-X-Y-Z-S-t")).write(&said).unwrap();
     let file = MachineFile::parse("drafted.toml", text.clone()).unwrap();
     let z = &file.machine.axes[&Axis::Z];

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use super::balls_csv::{self, Columns, Common, column};
 use super::document::{Document, value_problem};
 use super::error::{MachineFileError, Place, Problem};
-use machine::artefact::{self, Entry, Flaw};
+use machine::artefact::{self, ArtefactFault, Entry};
 use machine::record::artefact::{Artefact, Balls};
 
 /// Maximum certified uncertainty, mm. A larger value is taken for a wrong unit.
@@ -21,7 +21,7 @@ const PLACEMENT: [&str; 2] = ["origin_mm", "turned_deg"];
 
 /// Source of data outside the text of a machine file.
 #[derive(Debug, Clone, Copy)]
-pub enum Beside<'a> {
+pub enum ArtefactSource<'a> {
     /// No other data: the text is complete.
     Nothing,
     /// Other files in this folder.
@@ -40,8 +40,8 @@ struct Kind {
 #[serde(deny_unknown_fields)]
 struct NoKeys {}
 
-pub fn read(document: &Document, beside: Beside<'_>) -> Result<Artefact, MachineFileError> {
-    if let Beside::Artefact(artefact) = beside {
+pub fn read(document: &Document, beside: ArtefactSource<'_>) -> Result<Artefact, MachineFileError> {
+    if let ArtefactSource::Artefact(artefact) = beside {
         return Ok(artefact.clone());
     }
     let Kind { kind } = document.required(&["artefact"])?;
@@ -67,7 +67,7 @@ fn fields<T: DeserializeOwned>(document: &Document, less: &[&str]) -> Result<T, 
     read.ok_or_else(|| document.error_at(&["artefact"], missing()))
 }
 
-fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileError> {
+fn balls(document: &Document, beside: ArtefactSource<'_>) -> Result<Balls, MachineFileError> {
     let mut balls: Balls =
         fields(document, &[&["kind", "file"], &PLACEMENT[..], &Common::KEYS[..]].concat())?;
     let wrong = |key: &str, why: &str| {
@@ -91,7 +91,7 @@ fn balls(document: &Document, beside: Beside<'_>) -> Result<Balls, MachineFileEr
             None
         }
         Some(name) => {
-            let Beside::Folder(folder) = beside else {
+            let ArtefactSource::Folder(folder) = beside else {
                 let why =
                     "names a file, but there is no folder to look in: write [[artefact.balls]]";
                 return Err(wrong("file", why));
@@ -175,8 +175,8 @@ impl Table {
 }
 
 /// Error at the location of a flaw: in the table file, or at the key of the machine file.
-fn placed(document: &Document, table: Option<&Table>, flaw: Flaw) -> MachineFileError {
-    let Flaw { of, key, why } = flaw;
+fn placed(document: &Document, table: Option<&Table>, flaw: ArtefactFault) -> MachineFileError {
+    let ArtefactFault { of, key, why } = flaw;
     let (name, index) = match (of, table) {
         // The machine file contains the properties that all balls share.
         (Entry::Ball(_), Some(table))

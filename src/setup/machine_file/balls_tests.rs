@@ -239,7 +239,7 @@ fn a_table_is_refused_with_its_line_and_column() {
     let start = text.find("\n[[artefact.balls]]").unwrap();
     let end = text.find("\n[[artefact.lengths]]").unwrap();
     let text = format!("{}{}", &text[..start], &text[end..]);
-    let beside = artefact::Beside::Folder(path.parent().unwrap());
+    let beside = artefact::ArtefactSource::Folder(path.parent().unwrap());
     let message = MachineFile::parsed(Document::parse("x.toml", text).unwrap(), beside)
         .unwrap_err()
         .to_string();

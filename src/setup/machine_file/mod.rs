@@ -39,7 +39,7 @@ mod value;
 
 use super::built_in::{BuiltIn, built_in};
 use super::simulated::{Faults, SimulatedControl};
-use artefact::Beside;
+use artefact::ArtefactSource;
 pub use controller::{Control, ControllerConfig};
 pub use document::{Document, value_problem};
 pub use encoder::Encoder;
@@ -96,21 +96,21 @@ impl MachineFile {
     }
 
     pub fn read(path: &Path) -> Result<Self, MachineFileError> {
-        let beside = Beside::Folder(path.parent().unwrap_or(Path::new("")));
+        let beside = ArtefactSource::Folder(path.parent().unwrap_or(Path::new("")));
         Self::parsed(Document::read(path)?, beside)
     }
 
     /// Parses `text` without any other file; `file` is the name in errors.
     pub fn parse(file: &str, text: String) -> Result<Self, MachineFileError> {
-        Self::parsed(Document::parse(file, text)?, Beside::Nothing)
+        Self::parsed(Document::parse(file, text)?, ArtefactSource::Nothing)
     }
 
     /// The machine file of a stored run, with the artefact of its plan.
     pub fn stored(file: &str, text: String, artefact: &Artefact) -> Result<Self, MachineFileError> {
-        Self::parsed(Document::parse(file, text)?, Beside::Artefact(artefact))
+        Self::parsed(Document::parse(file, text)?, ArtefactSource::Artefact(artefact))
     }
 
-    fn parsed(document: Document, beside: Beside<'_>) -> Result<Self, MachineFileError> {
+    fn parsed(document: Document, beside: ArtefactSource<'_>) -> Result<Self, MachineFileError> {
         document.only(&[], &SECTIONS)?;
         let mut machine = machine(&document)?;
         let mut probe = document.required(&["probe"])?;

@@ -54,7 +54,7 @@ impl Wire {
 /// # Errors
 /// None in practice: tests open each configuration.
 pub(super) fn data_sheet<T: DeserializeOwned>(keys: &str) -> Result<T, SensorError> {
-    toml::from_str(keys).map_err(|error| SensorError::Strange {
+    toml::from_str(keys).map_err(|error| SensorError::UnexpectedDevice {
         text: error.to_string(),
         remedy: "report it".to_owned(),
     })
@@ -105,7 +105,7 @@ pub async fn modbus(
 ) -> Result<Registers, SensorError> {
     let (at, keep) = match wire {
         Wire::Memory => {
-            return Err(SensorError::Strange {
+            return Err(SensorError::UnexpectedDevice {
                 text: "registers are not served in memory".to_owned(),
                 remedy: "take `wire = \"tcp\"`".to_owned(),
             });

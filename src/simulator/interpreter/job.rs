@@ -30,7 +30,7 @@ pub enum Job {
 
 /// Simulated error of the probe input.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Sham {
+pub enum ProbeInputFault {
     #[default]
     No,
     Closed,
@@ -56,7 +56,7 @@ impl Job {
     }
 }
 
-impl Sham {
+impl ProbeInputFault {
     /// Whether the probe input reads closed.
     pub fn tripped(self, world: &World) -> bool {
         match self {
@@ -83,16 +83,19 @@ impl Sham {
                 .collect()
         };
         let end: Position = match self {
-            Sham::No | Sham::Closed | Sham::Brush | Sham::Brushed(_) => {
+            ProbeInputFault::No
+            | ProbeInputFault::Closed
+            | ProbeInputFault::Brush
+            | ProbeInputFault::Brushed(_) => {
                 return world.probe(to, feed_mm_min, n);
             }
-            Sham::Open => to.clone(),
-            Sham::Early => way(0.4),
+            ProbeInputFault::Open => to.clone(),
+            ProbeInputFault::Early => way(0.4),
         };
         let moved = world.travel(&end, Speed::Feed { mm_min: feed_mm_min });
         let contact = Contact { position: world.position(), t_s: world.time_s() };
         Probed {
-            contact: (self == Sham::Early).then_some(contact),
+            contact: (self == ProbeInputFault::Early).then_some(contact),
             crashed: moved.crashed,
             duration_s: moved.duration_s,
         }
@@ -120,7 +123,13 @@ pub struct Active {
 
 impl Active {
     /// Starts the job. The world changes only when the job ends, so that a held move can stop half-way.
-    pub fn begin(job: Job, world: &World, sham: Sham, pace: Pace, now: Duration) -> Self {
+    pub fn begin(
+        job: Job,
+        world: &World,
+        sham: ProbeInputFault,
+        pace: Pace,
+        now: Duration,
+    ) -> Self {
         let from = world.position();
         let (end, takes) = match pace {
             Pace::Fast => (Position::new(), Duration::ZERO),
@@ -135,7 +144,7 @@ impl Active {
     }
 
     /// Ends the job.
-    pub fn finish(&self, world: &mut World, sham: Sham) -> Done {
+    pub fn finish(&self, world: &mut World, sham: ProbeInputFault) -> Done {
         self.job.run(world, sham)
     }
 
@@ -194,7 +203,7 @@ impl Job {
         !matches!(self, Job::Travel { .. })
     }
 
-    fn run(&self, world: &mut World, sham: Sham) -> Done {
+    fn run(&self, world: &mut World, sham: ProbeInputFault) -> Done {
         match self {
             Job::Travel { to, feed_mm_min } => {
                 let speed = feed_mm_min.map_or(Speed::Rapid, |mm_min| Speed::Feed { mm_min });

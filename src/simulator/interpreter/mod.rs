@@ -10,7 +10,7 @@ mod words;
 
 use std::collections::BTreeMap;
 
-pub use job::{Active, Done, Job, Pace, Sham};
+pub use job::{Active, Done, Job, Pace, ProbeInputFault};
 use modal::Modal;
 pub use words::{Code, is_blank};
 
@@ -27,7 +27,7 @@ pub struct Interpreter {
 
 /// Action that a line requests.
 #[derive(Debug, Clone)]
-pub enum Act {
+pub enum LineAction {
     /// No motion.
     Nothing,
     Do(Job),
@@ -55,12 +55,14 @@ impl Interpreter {
     ///
     /// # Errors
     /// Grbl's error code for the line; a line in error does not change the modal state.
-    pub fn line(&mut self, line: &str, here: &Position) -> Result<Act, Code> {
+    pub fn line(&mut self, line: &str, here: &Position) -> Result<LineAction, Code> {
         let words = words::words(line)?;
         Ok(match self.modal.block(&words, here, &self.axes)? {
-            None => Act::Nothing,
-            Some(job) if job.target().is_some_and(|to| !self.within_limits(to)) => Act::OutOfTravel,
-            Some(job) => Act::Do(job),
+            None => LineAction::Nothing,
+            Some(job) if job.target().is_some_and(|to| !self.within_limits(to)) => {
+                LineAction::OutOfTravel
+            }
+            Some(job) => LineAction::Do(job),
         })
     }
 

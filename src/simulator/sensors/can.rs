@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use super::Sense;
 use crate::Sensed;
 use link::Clock;
-use link::can::{CanError, Frame, Id, Outlet};
+use link::can::{CanError, CanSender, Frame, Id};
 
 /// The data sheet, as keys of `[sensor.can]`.
 pub const DATA_SHEET: &str = r#"
@@ -70,7 +70,7 @@ pub fn push(
     rate_hz: f64,
     clock: Arc<dyn Clock>,
 ) -> Result<Arc<()>, CanError> {
-    let outlet = Outlet::open(interface)?;
+    let outlet = CanSender::open(interface)?;
     let life = Arc::new(());
     let listener = Arc::downgrade(&life);
     let next = frames(sense, clock);
@@ -83,7 +83,7 @@ pub fn push(
 }
 
 fn send(
-    outlet: &Outlet,
+    outlet: &CanSender,
     mut next: impl FnMut() -> Option<Frame>,
     period: Duration,
     listener: &Weak<()>,

@@ -13,7 +13,7 @@ use tokio::time::{MissedTickBehavior, interval};
 
 use super::serve::{Sense, Served, on_pty, on_tcp};
 use crate::Sensed;
-use link::{Flow, LinkError};
+use link::{ByteStreamHandle, LinkError};
 
 /// Buffer of the in-process wire.
 const WIRE_BYTES: usize = 4096;
@@ -72,10 +72,10 @@ pub const REQUEST: &str = "request = \"M\\n\"\n";
 
 /// A sensor inside this process that sends one sample for each line end it receives. Call inside a tokio
 /// runtime.
-pub fn on_demand(format: Format, sense: Sense) -> Flow {
+pub fn on_demand(format: Format, sense: Sense) -> ByteStreamHandle {
     let (near, far) = tokio::io::duplex(WIRE_BYTES);
     tokio::spawn(SimulatedSensor { format, count: 0, sense }.answer(far));
-    Flow::over("the simulated sensor", near)
+    ByteStreamHandle::over("the simulated sensor", near)
 }
 
 /// Serves a sensor on a pseudo-terminal, which sends continuously until its client disconnects.

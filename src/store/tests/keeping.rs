@@ -58,7 +58,7 @@ fn a_copy_overwrites_nothing_and_leaves_nothing_half() {
     let state = dir.path().join("state");
     drop(Journal::open(&state).unwrap());
     std::fs::write(dir.path().join("copy.sqlite.part"), "half of one").unwrap();
-    assert_eq!(backup(&state, &file).unwrap(), Copied { newest: None, has_checksums: true });
+    assert_eq!(backup(&state, &file).unwrap(), BackupContent { newest: None, has_checksums: true });
     let exists = backup(&state, &file).unwrap_err();
     assert!(matches!(exists.fault, Fault::Exists), "{exists}");
     assert_eq!(names(dir.path()), ["copy.sqlite", "state"]);

@@ -11,7 +11,7 @@ use machine::{Axis, Position};
 use methods::{IdentifyError, Method, Next, Refused, Source};
 use nalgebra::{Matrix4, Vector3, Vector4};
 use trued::run::{Run, RunError};
-use trued::setup::{self, MachineFile, Pace, Past};
+use trued::setup::{self, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun};
 
 use super::desk::Desk;
@@ -120,7 +120,7 @@ impl Method for Passes {
 /// Runs [`Passes`] on the machine of `desk`.
 async fn passes(desk: &Desk) -> Result<(Vec<Reading>, bool, Result<(), RunError>), Failed> {
     let file = MachineFile::read(&desk.machine())?;
-    let devices = setup::devices(&file, Pace::Real, Past::default()).await?;
+    let devices = setup::devices(&file, Pace::Real, RunHistory::default()).await?;
     let journal = Journal::open(desk.machine().parent().ok_or("no folder")?)?;
     let mut plan = setup::without_steps(&file, "laser-r-test", serde_json::json!({}));
     plan.sensors = file.sensors.iter().map(|entry| entry.sensor.clone()).collect();

@@ -9,7 +9,7 @@ use link::modbus::Framing;
 use machine::Position;
 use machine::record::event::Event;
 use machine::record::reading::Reading;
-use trued::setup::{self, MachineFile, Pace, Past};
+use trued::setup::{self, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun, RunState};
 
 use super::server::{Server, on_a_runtime};
@@ -36,7 +36,7 @@ async fn run(
     let folder = tempfile::tempdir().unwrap();
     let journal = Journal::open(folder.path()).unwrap();
     let (method, plan) = setup::header(file, "self-calibration", Some(1)).unwrap();
-    let devices = setup::devices(file, Pace::Fast, Past::default()).await.unwrap();
+    let devices = setup::devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
     let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
     let id = journal.begin(&new).await.unwrap();
     let mut count = 0;
@@ -171,7 +171,7 @@ pub fn checked() -> Result<(), Failed> {
         let mut server = Server::start(Framing::Tcp);
         server.value(262);
         let file = machine(&server);
-        let devices = setup::devices(&file, Pace::Fast, Past::default()).await?;
+        let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await?;
         let began = Instant::now();
         let mut said = Vec::new();
         for (value, faults) in [(262, ""), (8550, ""), (262, "drop"), (262, "exception:2")] {

@@ -11,7 +11,7 @@ use methods::{IdentifyError, Method, Next, Refused, Source};
 use planning::{Clearance, Start, end_of, touch_block};
 use toml::{Table, Value};
 use trued::run::{Run, RunError};
-use trued::setup::{self, MachineFile, Pace, Past};
+use trued::setup::{self, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun};
 
 use crate::support::proven_block::proven_block;
@@ -185,7 +185,7 @@ impl Bench {
         method: &dyn Method,
         plan: Plan,
     ) -> Result<(Plan, Vec<Reading>), Failed> {
-        let devices = setup::devices(file, Pace::Fast, Past::default()).await.unwrap();
+        let devices = setup::devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
         let new = NewRun { config: file.text().to_owned(), plan: plan.clone() };
         let id = self.journal.begin(&new).await.unwrap();
         let mut tell = |_: &Event| {};
@@ -251,7 +251,7 @@ async fn touch_all(
     method: &dyn Method,
     mut plan: Plan,
 ) -> Result<(Plan, Vec<Reading>), Failed> {
-    let devices = setup::devices(file, Pace::Fast, Past::default()).await.unwrap();
+    let devices = setup::devices(file, Pace::Fast, RunHistory::default()).await.unwrap();
     let mut stands = devices.controller.prepare().await.unwrap().stands;
     let (mut done, mut readings) = (Vec::<Stage>::new(), Vec::new());
     loop {

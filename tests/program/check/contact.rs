@@ -4,7 +4,7 @@ use std::sync::{Arc, Mutex};
 
 use machine::record::question::{Answer, AxisDirection, Question};
 use machine::{Axis, Position};
-use simulator::{Bystander, Speed, World};
+use simulator::{SimulatedOperator, Speed, World};
 use trued::commissioning::{
     Answering, Check, Finding, Nobody, Part, Person, Stop, Summary, Verdict,
 };
@@ -18,11 +18,11 @@ use crate::support::recording_control::{self, Record, RecordingControl};
 /// are stated in `config/simulated.toml`; no planted error moves the top.
 const CONTACT_Z: f64 = 100.0 + 3.0 + 120.0;
 
-type AnswerFn = dyn FnMut(&Question, &Bystander) -> Option<Answer>;
+type AnswerFn = dyn FnMut(&Question, &SimulatedOperator) -> Option<Answer>;
 
 /// Answers with `answer`; other questions are answered by the simulated operator.
 struct Operator {
-    bystander: Bystander,
+    bystander: SimulatedOperator,
     answer: Box<AnswerFn>,
 }
 
@@ -57,7 +57,7 @@ struct Recorded {
 fn recorded(
     deeper: f64,
     keys: &str,
-    person: impl FnOnce(Bystander, Stop) -> Box<dyn Person>,
+    person: impl FnOnce(SimulatedOperator, Stop) -> Box<dyn Person>,
 ) -> Recorded {
     let file = |address: &str| {
         let text = recording_control::machine(address)
@@ -71,7 +71,7 @@ fn recorded(
     let control = RecordingControl::behind(world.clone());
     let file = file(&control.address());
     let stop = Stop::default();
-    let mut person = person(Bystander::new(world.clone()), stop.clone());
+    let mut person = person(SimulatedOperator::new(world.clone()), stop.clone());
     let summary = runtime().block_on(async {
         let site = Site::new(&file).unwrap();
         let folder = tempfile::tempdir().unwrap();
@@ -84,8 +84,8 @@ fn recorded(
 }
 
 fn operator(
-    answer: impl FnMut(&Question, &Bystander) -> Option<Answer> + 'static,
-) -> impl FnOnce(Bystander, Stop) -> Box<dyn Person> {
+    answer: impl FnMut(&Question, &SimulatedOperator) -> Option<Answer> + 'static,
+) -> impl FnOnce(SimulatedOperator, Stop) -> Box<dyn Person> {
     |bystander, _| Box::new(Operator { bystander, answer: Box::new(answer) })
 }
 
@@ -157,7 +157,7 @@ pub fn a_stylus_in_contact_is_led_out_whatever_the_control_speaks() {
 pub fn a_person_who_leaves_the_stylus_in_contact_sees_nothing_move() {
     let asked = Arc::new(Mutex::new(0));
     let count = asked.clone();
-    let answer = move |question: &Question, _: &Bystander| match question {
+    let answer = move |question: &Question, _: &SimulatedOperator| match question {
         Question::RetractDirection { .. } => {
             *count.lock().unwrap() += 1;
             Some(Answer::No)
@@ -182,7 +182,7 @@ pub fn without_a_person_a_stylus_stays_in_contact_and_the_remedy_is_named() {
 
 pub fn a_stop_while_the_direction_is_asked_for_moves_nothing() {
     let checked = recorded(0.0, "", |bystander, stop| {
-        let answer = move |question: &Question, _: &Bystander| {
+        let answer = move |question: &Question, _: &SimulatedOperator| {
             if matches!(question, Question::RetractDirection { .. }) {
                 stop.halt().now();
             }
@@ -198,7 +198,7 @@ pub fn a_stop_while_the_direction_is_asked_for_moves_nothing() {
 pub fn a_retract_towards_a_declared_body_is_refused_and_asked_for_again() {
     let results = Arc::new(Mutex::new(Vec::new()));
     let kept = results.clone();
-    let answer = move |question: &Question, _: &Bystander| {
+    let answer = move |question: &Question, _: &SimulatedOperator| {
         let Question::RetractDirection { last_result, .. } = question else {
             return matches!(question, Question::Stylus(_)).then_some(Answer::No);
         };

@@ -2,7 +2,7 @@
 
 use machine::Axis;
 use machine::record::question::{Answer, Jog, Question, Seen, Stylus};
-use simulator::Bystander;
+use simulator::SimulatedOperator;
 use trued::commissioning::{
     Answering, Check, Finding, Nobody, Part, Person, Stop, Summary, Verdict,
 };
@@ -33,7 +33,7 @@ pub fn without_anybody_nothing_moves_and_it_says_what_it_cannot_look_at() {
 
 /// Refuses every motion; keeps the questions.
 struct Careful {
-    bystander: Bystander,
+    bystander: SimulatedOperator,
     asked: Vec<Question>,
 }
 
@@ -64,7 +64,7 @@ pub fn whoever_says_no_sees_nothing_move() {
 
 /// Agrees to everything, except where `but` gives another answer.
 struct Otherwise<'a> {
-    bystander: &'a mut Bystander,
+    bystander: &'a mut SimulatedOperator,
     but: fn(&Question) -> Option<Answer>,
     moves: usize,
 }
@@ -82,7 +82,7 @@ impl Person for Otherwise<'_> {
 }
 
 /// Summary, number of questions for permission to move, and the simulated operator.
-fn otherwise(but: fn(&Question) -> Option<Answer>) -> (Summary, usize, Bystander) {
+fn otherwise(but: fn(&Question) -> Option<Answer>) -> (Summary, usize, SimulatedOperator) {
     let file = file();
     runtime().block_on(async {
         let site = Site::new(&file).unwrap();
@@ -129,7 +129,7 @@ pub fn where_a_sensor_sits_in_the_probes_place_the_probe_is_asked_for() {
 /// Gives this answer to the question whether the probe is in the spindle; without an answer, that of the simulated
 /// operator.
 struct Asked {
-    bystander: Bystander,
+    bystander: SimulatedOperator,
     answer: Option<Answer>,
     asked: usize,
 }
@@ -186,7 +186,7 @@ pub fn regress_a_stop_while_nothing_moves_leaves_no_hold() {
 }
 
 /// Moves another axis by hand before the jog is allowed.
-struct Clumsy(Bystander);
+struct Clumsy(SimulatedOperator);
 
 impl Person for Clumsy {
     fn ask<'a>(&'a mut self, question: &'a Question) -> Answering<'a> {

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use link::can::{CanError, Frame, Heard, Id};
+use link::can::{CanError, CanEvent, Frame, Id};
 use trued::commissioning::Summary;
 
 use super::bench::runtime;
@@ -24,12 +24,16 @@ const SILENT: &str = "nothing came from the sensor within";
 pub const MISTAKES: &[Mistake] = &[
     row(
         "CAN: another bit rate",
-        || on_can(&[], || hearing(vec![Heard::Trouble("bit stuffing error".to_owned())])),
+        || {
+            on_can(&[], || {
+                hearing(vec![CanEvent::ErrorFrameClass("bit stuffing error".to_owned())])
+            })
+        },
         "no frame 181 came on `can0`, and the bus has errors: bit stuffing error",
     ),
     row(
         "CAN: the controller has given up",
-        || on_can(&[], || hearing(vec![Heard::Off("bus off".to_owned())])),
+        || on_can(&[], || hearing(vec![CanEvent::Off("bus off".to_owned())])),
         "the CAN controller of `can0` has left the bus",
     ),
     row(
@@ -42,12 +46,12 @@ pub const MISTAKES: &[Mistake] = &[
     ),
     row(
         "CAN: the interface is down",
-        || on_can(&[], || hearing(vec![Heard::Down("Network is down".to_owned())])),
+        || on_can(&[], || hearing(vec![CanEvent::Down("Network is down".to_owned())])),
         "the CAN interface `can0` is down",
     ),
     row(
         "CAN: another identifier",
-        || on_can(&[], || hearing(vec![Heard::Other(Id::new(0x182, false).unwrap())])),
+        || on_can(&[], || hearing(vec![CanEvent::Other(Id::new(0x182, false).unwrap())])),
         "no frame 181 came on `can0`, but those of others did: 182",
     ),
     row("CAN: a sensor that is off", || on_can(&[], || hearing(Vec::new())), SILENT),

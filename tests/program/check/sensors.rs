@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use devices::sensors::{Named, Opening, can};
-use link::can::{Can, CanError, Frame, Heard, Id};
+use link::can::{Can, CanError, CanEvent, Frame, Id};
 use link::{Clock, SharedPorts};
 use machine::record::sensor;
 use simulator::Sensed;
@@ -121,7 +121,7 @@ pub fn sound() -> Result<Can, CanError> {
 }
 
 /// A bus with exactly these events.
-pub fn hearing(said: Vec<Heard>) -> Result<Can, CanError> {
+pub fn hearing(said: Vec<CanEvent>) -> Result<Can, CanError> {
     let (say, heard) = mpsc::channel(8);
     for heard in said {
         say.try_send(heard).unwrap();

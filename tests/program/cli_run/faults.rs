@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 
-use simulator::faulty_wire::{BadWire, Direction, Harm};
+use simulator::faulty_wire::{BadWire, Direction, WireFault};
 
 use super::{MachineShop, machine, stderr, with_control};
 
@@ -40,7 +40,7 @@ fn cut_after(from: u64) -> u64 {
     };
     let cuts = |seed: &u64| {
         let (to, back) = (first(*seed, Direction::ToDevice), first(*seed, Direction::FromDevice));
-        to.harm == Harm::Cut && (from..2 * from).contains(&to.line) && back.line > 20 * from
+        to.harm == WireFault::Cut && (from..2 * from).contains(&to.line) && back.line > 20 * from
     };
     (0..).find(cuts).expect("one of them")
 }

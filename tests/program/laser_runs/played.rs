@@ -4,7 +4,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use devices::controllers::{self, Controller, ControllerError, Halt, Introduction, Look};
+use devices::controllers::{self, Controller, ControllerError, DeviceInfo, Halt, Look};
 use devices::sensors::{self, Sample, Sensor, SensorError};
 use link::LinkError;
 use link::{Clock, SharedPorts};
@@ -323,8 +323,8 @@ impl controllers::Driver for Control {
         Ok(Look { probe_closed: false, stands })
     }
 
-    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
-        Ok(Introduction::default())
+    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
+        Ok(DeviceInfo::default())
     }
 
     fn stamps(&self) -> bool {

@@ -10,7 +10,7 @@ use machine::{Axis, Position};
 use methods::{IdentifyError, Method, Next, Refused, Source};
 use trued::run::{Interrupted, Run, RunError};
 use trued::setup::machine_file::Reached;
-use trued::setup::{self, Devices, MachineFile, Pace, Past};
+use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun, RunId, RunState, StoredRun};
 
 use super::played::{
@@ -104,7 +104,8 @@ impl Shop {
     }
 
     async fn devices(&self, plot: Plot) -> (Devices, Halt) {
-        let mut devices = setup::devices(&self.file, Pace::Fast, Past::default()).await.unwrap();
+        let mut devices =
+            setup::devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
         devices.controller = played::control(&self.scene, plot);
         devices.clock = std::sync::Arc::new(Hands(self.scene.clone()));
         let halt = devices.controller.halt();

@@ -6,7 +6,7 @@ use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::Method;
 use trued::run::{Run, RunError};
-use trued::setup::{self, Devices, MachineFile, Pace, Past};
+use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun};
 
 pub const MACHINE: &str = include_str!("../../../config/simulated.toml");
@@ -69,7 +69,8 @@ impl Bench {
     pub fn measure(&self) -> Measured {
         let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
         runtime.block_on(async {
-            let devices = setup::devices(&self.file, Pace::Fast, Past::default()).await.unwrap();
+            let devices =
+                setup::devices(&self.file, Pace::Fast, RunHistory::default()).await.unwrap();
             self.measure_with(&devices).await
         })
     }

@@ -8,7 +8,7 @@ mod schedules;
 
 use crate::support::harness::{Pool, Trials, trials};
 use bench::Bench;
-use trued::setup::{self, MachineFile, Pace, Past, Rehearsal};
+use trued::setup::{self, MachineFile, Pace, Rehearsal, RunHistory};
 
 /// `[controller]` of the built-in machine.
 const CONTROLS: [(&str, &str); 4] = [
@@ -43,7 +43,7 @@ fn what_is_served_is_opened_by_the_keys_that_it_tells() {
             let served = Rehearsal::of(&simulated).unwrap().serve(Pace::Fast).unwrap();
             let text = bench::machine(&served.keys()).replace("kind = \"simulated\"\n", "");
             let file = MachineFile::parse("machine.toml", text).unwrap();
-            let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
+            let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
             let said = devices.controller.prepare().await.unwrap().identity;
             assert_eq!(said.contains("resident program 1"), name.contains("resident"), "{said}");
         });

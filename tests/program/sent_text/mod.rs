@@ -2,9 +2,7 @@
 
 use std::sync::{Arc, Mutex};
 
-use devices::controllers::{
-    Controller, ControllerError, Driver, Halt, Introduction, Look, Prepared,
-};
+use devices::controllers::{Controller, ControllerError, DeviceInfo, Driver, Halt, Look, Prepared};
 use machine::record::event::Event;
 use machine::record::motion::{Motion, Outcome};
 use machine::{Axis, Position};
@@ -12,7 +10,7 @@ use planning::proof::ProvenBlock;
 use simulator::controls::modbus::{Entry, Firmware, Options, serve_tcp};
 use tokio::net::TcpListener;
 use trued::run::Run;
-use trued::setup::{self, Devices, MachineFile, Pace, Past};
+use trued::setup::{self, Devices, MachineFile, Pace, RunHistory};
 use trued::store::{Journal, NewRun};
 
 use crate::support::harness::{Pool, Trials, trials};
@@ -53,7 +51,7 @@ impl Driver for Recorded {
         self.inner.look().await
     }
 
-    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
         self.inner.introduce().await
     }
 
@@ -92,7 +90,7 @@ fn row(motion: &Motion) -> String {
 /// A whole run of `method` with the machine file `text`.
 async fn measure(text: String, method: &str) -> Proven {
     let file = MachineFile::parse("machine.toml", text).unwrap();
-    let devices = setup::devices(&file, Pace::Fast, Past::default()).await.unwrap();
+    let devices = setup::devices(&file, Pace::Fast, RunHistory::default()).await.unwrap();
     let (lines, rows) =
         (Arc::<Mutex<Vec<String>>>::default(), Arc::<Mutex<Vec<String>>>::default());
     let halt = devices.controller.halt();

@@ -6,7 +6,7 @@ use crate::controllers::ControllerError;
 use machine::Axis;
 
 /// Version and axes of a control.
-pub(super) struct Built {
+pub(super) struct FirmwareInfo {
     /// Whether the control is classic Grbl, the version for three axes before grblHAL.
     pub classic: bool,
     pub version: String,
@@ -14,7 +14,7 @@ pub(super) struct Built {
     pub letters: String,
 }
 
-impl Built {
+impl FirmwareInfo {
     pub fn identity(&self) -> String {
         format!("Grbl {}, axes {}", self.version, self.letters)
     }
@@ -30,9 +30,9 @@ impl Built {
 
 impl Grbl {
     /// Reads version, axes and buffer size by `$I`.
-    pub(super) async fn built(&mut self) -> Result<Built, ControllerError> {
+    pub(super) async fn built(&mut self) -> Result<FirmwareInfo, ControllerError> {
         // Classic Grbl does not report its axes: it has X, Y and Z.
-        let mut built = Built {
+        let mut built = FirmwareInfo {
             classic: true,
             version: "unknown version".to_owned(),
             letters: "XYZ".to_owned(),

@@ -1,7 +1,7 @@
 //! Finds out why no Grbl answers: the port, its baud rate, or another control at the port.
 
 use super::{Config, KIND};
-use crate::controllers::{ControllerError, Leave, Suspicion, port, stranger};
+use crate::controllers::{ControllerError, Diagnosis, Leave, port, stranger};
 use link::{Address, LinkError};
 use machine::record::machine::Machine;
 
@@ -11,7 +11,7 @@ impl Config {
         _machine: &Machine,
         failed: &ControllerError,
         leave: Leave,
-    ) -> Vec<Suspicion> {
+    ) -> Vec<Diagnosis> {
         let closed = port::suspects(&self.link, failed);
         let Some(heard) = heard(failed) else { return closed };
         let Ok(address) = self.link.address() else { return closed };
@@ -22,7 +22,7 @@ impl Config {
         }
     }
 
-    async fn at_port(&self, path: &str, baud: u32, heard: &str) -> Vec<Suspicion> {
+    async fn at_port(&self, path: &str, baud: u32, heard: &str) -> Vec<Diagnosis> {
         for other in stranger::SPEEDS.into_iter().filter(|speed| *speed != baud) {
             let address = Address::Serial { path: path.to_owned(), baud: other };
             if let Some(said) = stranger::greets_as_grbl(&address).await {
@@ -34,7 +34,7 @@ impl Config {
         vec![other.unwrap_or_else(|| stranger::nobody(path, &because()))]
     }
 
-    async fn at_socket(&self, address: &Address, heard: &str) -> Vec<Suspicion> {
+    async fn at_socket(&self, address: &Address, heard: &str) -> Vec<Diagnosis> {
         let other = stranger::on_tcp(&self.link, KIND).await;
         let because = || format!("{heard}; asked in the languages of other controls as well");
         vec![other.unwrap_or_else(|| stranger::nobody(&address.to_string(), &because()))]
@@ -46,14 +46,14 @@ fn heard(failed: &ControllerError) -> Option<String> {
     match failed {
         ControllerError::NoAnswer { .. } => Some("nothing came".to_owned()),
         ControllerError::Garbled { .. } => Some("bytes came that are no text".to_owned()),
-        ControllerError::Strange { state, .. } => Some(state.clone()),
+        ControllerError::UnexpectedDevice { state, .. } => Some(state.clone()),
         ControllerError::Link(LinkError::Lost { why, .. }) => Some(why.clone()),
         _ => None,
     }
 }
 
 /// Suspected causes that need no further request to the device.
-fn from_far(address: &Address, heard: &str) -> Vec<Suspicion> {
+fn from_far(address: &Address, heard: &str) -> Vec<Diagnosis> {
     let (what, remedy) = match address {
         Address::Serial { baud, .. } => (
             format!("wrong speed ({baud} baud), wrong port, or another kind of control"),
@@ -64,7 +64,7 @@ fn from_far(address: &Address, heard: &str) -> Vec<Suspicion> {
             "compare [controller] tcp and kind with the control's manual, or let others be tried",
         ),
     };
-    vec![Suspicion {
+    vec![Diagnosis {
         seen: false,
         vague: true,
         what,
@@ -73,8 +73,8 @@ fn from_far(address: &Address, heard: &str) -> Vec<Suspicion> {
     }]
 }
 
-fn wrong_speed(baud: u32, right: u32, said: &str) -> Suspicion {
-    Suspicion {
+fn wrong_speed(baud: u32, right: u32, said: &str) -> Diagnosis {
+    Diagnosis {
         seen: true,
         vague: false,
         what: format!("wrong baud rate: the control speaks at {right} baud, not at {baud}"),

@@ -11,7 +11,7 @@ use super::wire::Wire;
 use crate::controllers::lines::Lines;
 use crate::controllers::stamp::{ControlClock, ReportedTime};
 use crate::controllers::{
-    ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival, lines,
+    ControllerError, DeviceInfo, Driver, Halt, Look, Prepared, arrival, lines,
 };
 use link::Link;
 use machine::record::machine::{Homing, Machine};
@@ -275,7 +275,7 @@ impl Driver for Grbl {
         Ok(Look { probe_closed, stands: self.stood.clone() })
     }
 
-    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
         self.say_who().await
     }
 

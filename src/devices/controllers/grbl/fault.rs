@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use super::message::{Message, Overrides, Status, error_meaning};
-use crate::controllers::{ControllerError, Remark};
+use crate::controllers::{ControllerError, ReadinessFinding};
 
 pub(super) fn refused(line: &str, code: u32) -> ControllerError {
     ControllerError::Refused {
@@ -20,13 +20,13 @@ pub(super) fn silent(line: &str, waited: Duration) -> ControllerError {
 /// Error if the answering device is not a Grbl control, or if nothing answers.
 pub(super) fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
     if noise {
-        return ControllerError::Strange {
+        return ControllerError::UnexpectedDevice {
             state: "it answers with unreadable bytes, probably at the wrong speed".to_owned(),
             remedy: "check baud in [controller] of the machine file".to_owned(),
         };
     }
     match foreign {
-        Some(text) => ControllerError::Strange {
+        Some(text) => ControllerError::UnexpectedDevice {
             state: format!("it does not answer as Grbl does: `{text}`"),
             remedy: "check kind and the address in [controller] of the machine file".to_owned(),
         },
@@ -53,10 +53,10 @@ pub(super) fn not_ready(status: &Status) -> ControllerError {
 }
 
 /// Touches at another feed than the planned one have another latch delay and overtravel.
-pub(super) fn overridden(now: Overrides) -> Option<Remark> {
+pub(super) fn overridden(now: Overrides) -> Option<ReadinessFinding> {
     let Overrides { feed, rapid } = now;
     (feed != 100.0 || rapid != 100.0).then(|| {
-        Remark::hinders(
+        ReadinessFinding::hinders(
             format!("its overrides are not 100 %: feed {feed} %, rapid {rapid} %"),
             "set both overrides to 100 % at the control, start again",
         )
@@ -92,10 +92,10 @@ pub(super) fn stands_after(error: &ControllerError) -> bool {
             | E::NoContact { .. }
             | E::UnexpectedContact { .. }
             | E::StillTripped { .. }
-            | E::Astray { .. }
-            | E::Doubtful { .. }
+            | E::WrongPosition { .. }
+            | E::ContradictoryTouch { .. }
             | E::NotReady { .. }
-            | E::Strange { .. }
+            | E::UnexpectedDevice { .. }
             | E::Stamp { .. }
             | E::Probe { .. }
             | E::Render { .. }

@@ -1,19 +1,19 @@
 //! Identity and settings of a control: `$I` and `$$`. Setting numbers and meanings are those of grblHAL
 //! (`settings.h`).
 
-use super::built::Built;
+use super::built::FirmwareInfo;
 use super::driver::Grbl;
 use super::fault::not_ready;
 use super::homing::{HomedBy, homed_by, homed_mask, is_homed_axis, travel_ends};
 use super::readiness;
 use super::settings::Settings;
-use crate::controllers::{AxisSays, ControllerError, Introduction};
+use crate::controllers::{ControllerError, DeviceInfo, ReportedAxis};
 use machine::Axis;
 
 /// Resolution of the reports, mm or degrees: they print three decimals.
 const SHOWN: f64 = 0.001;
 impl Grbl {
-    pub(super) async fn say_who(&mut self) -> Result<Introduction, ControllerError> {
+    pub(super) async fn say_who(&mut self) -> Result<DeviceInfo, ControllerError> {
         if !self.ready {
             let status = self.wire.wake().await?;
             // The control refuses `$I` while it moves.
@@ -36,14 +36,14 @@ impl Grbl {
 }
 
 fn introduction(
-    built: &Built,
+    built: &FirmwareInfo,
     settings: &Settings,
     homed_mask: u32,
     homed_axes: &[Axis],
-) -> Introduction {
+) -> DeviceInfo {
     let axes = built.axes();
     let says = axes.iter().map(|axis| (axis.0, axis_says(built, settings, *axis, homed_mask)));
-    Introduction {
+    DeviceInfo {
         identity: built.identity(),
         axes: says.collect(),
         remarks: readiness::of_settings(built, settings, &axes, homed_axes),
@@ -55,11 +55,11 @@ fn introduction(
 
 /// Properties of one axis. Classic Grbl does not report at which end its zero is: that is compiled in.
 fn axis_says(
-    built: &Built,
+    built: &FirmwareInfo,
     settings: &Settings,
     (axis, place): (Axis, u16),
     homed_mask: u32,
-) -> AxisSays {
+) -> ReportedAxis {
     let above = |number: u16| settings.value(number + place).filter(|value| *value > 0.0);
     let ends = match built.classic {
         true => None,
@@ -72,7 +72,7 @@ fn axis_says(
         false if !axis.is_linear() && homed_by(settings, place) == HomedBy::Hand => None,
         false => is_homed_axis(settings, place, homed_mask),
     };
-    AxisSays {
+    ReportedAxis {
         min: ends.map(|(min, _)| min),
         max: ends.map(|(_, max)| max),
         travel: above(130),
@@ -89,8 +89,9 @@ mod tests {
     use super::*;
     use crate::controllers::grbl::message::Message;
 
-    fn says(letters: &str, classic: bool, lines: &str) -> Introduction {
-        let built = Built { classic, version: "1.1f".to_owned(), letters: letters.to_owned() };
+    fn says(letters: &str, classic: bool, lines: &str) -> DeviceInfo {
+        let built =
+            FirmwareInfo { classic, version: "1.1f".to_owned(), letters: letters.to_owned() };
         let settings = lines.lines().filter_map(|line| match Message::parse(line) {
             Message::Setting(number, value) => Some((number, value)),
             _ => None,
@@ -99,7 +100,7 @@ mod tests {
         introduction(&built, &Settings(settings.collect()), 0, &axes)
     }
 
-    fn ends(said: &Introduction, axis: Axis) -> (f64, f64) {
+    fn ends(said: &DeviceInfo, axis: Axis) -> (f64, f64) {
         (said.axes[&axis].min.unwrap(), said.axes[&axis].max.unwrap())
     }
 
@@ -122,7 +123,10 @@ mod tests {
         assert_eq!(said.axes[&Axis::X].acceleration_per_s2, Some(200.0));
         // 1/800 mm, coarser than the three decimals of the reports.
         assert_eq!(said.axes[&Axis::X].step, Some(0.00125));
-        assert_eq!(said.axes[&Axis::B], AxisSays { homes: Some(false), ..AxisSays::default() });
+        assert_eq!(
+            said.axes[&Axis::B],
+            ReportedAxis { homes: Some(false), ..ReportedAxis::default() }
+        );
         assert_eq!(said.axes[&Axis::X].homes, Some(true));
     }
 

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use super::built::Built;
+use super::built::FirmwareInfo;
 use super::check;
 use super::driver::Grbl;
 use super::fault::not_ready;
@@ -60,7 +60,7 @@ impl Grbl {
         Ok(Prepared { identity, stop, stands, transmission, not_readable })
     }
 
-    pub(super) async fn identify(&mut self) -> Result<Built, ControllerError> {
+    pub(super) async fn identify(&mut self) -> Result<FirmwareInfo, ControllerError> {
         let built = self.built().await?;
         let missing: Vec<String> = (self.wanted.iter())
             .filter(|axis| !self.axes.contains(&Some(**axis)))

@@ -2,13 +2,13 @@
 //! refuses the first item that prevents a measurement. Setting numbers and meanings are those of grblHAL
 //! (`settings.h`).
 
-use super::built::Built;
+use super::built::FirmwareInfo;
 use super::driver::Grbl;
 use super::fault::overridden;
 use super::homing::{HomedBy, homed_by, homed_mask};
 use super::message::Message;
 use super::settings::{HOMING, Settings};
-use crate::controllers::{ControllerError, ReadinessItem, Remark};
+use crate::controllers::{ControllerError, ReadinessFinding, ReadinessItem};
 use machine::Axis;
 
 /// Bits of `$10`, and the field that each bit adds to the reports.
@@ -24,7 +24,7 @@ const REPORTED: [(u32, &str); 4] = [
 const NOT_READABLE: [ReadinessItem; 3] =
     [ReadinessItem::Kinematics, ReadinessItem::OtherClients, ReadinessItem::Tool];
 
-pub(super) fn not_readable(built: &Built) -> Vec<ReadinessItem> {
+pub(super) fn not_readable(built: &FirmwareInfo) -> Vec<ReadinessItem> {
     // Classic Grbl is locked until it is homed or unlocked; it reports neither.
     let homing = built.classic.then_some(ReadinessItem::Homing);
     NOT_READABLE.into_iter().chain(homing).collect()
@@ -38,7 +38,7 @@ const HINDERING_MODES: [(&str, &str, &str); 3] = [
 ];
 
 /// Remarks on the modal words in force, from the answer to `$G`.
-pub(super) fn of_modes(modes: &[Message]) -> Vec<Remark> {
+pub(super) fn of_modes(modes: &[Message]) -> Vec<ReadinessFinding> {
     let words = modes.iter().find_map(|message| match message {
         Message::Modes(words) => Some(words.as_slice()),
         _ => None,
@@ -48,17 +48,17 @@ pub(super) fn of_modes(modes: &[Message]) -> Vec<Remark> {
         words.unwrap_or_default().iter().any(is_it)
     };
     let hindering = HINDERING_MODES.iter().filter(|(begins, ..)| is_in_force(begins));
-    hindering.map(|(_, state, remedy)| Remark::hinders(*state, remedy)).collect()
+    hindering.map(|(_, state, remedy)| ReadinessFinding::hinders(*state, remedy)).collect()
 }
 
 /// Remark on an active tool length offset, from the answer to `$#` once G49 is in force.
-pub(super) fn tool_length(offsets: &[Message]) -> Option<Remark> {
+pub(super) fn tool_length(offsets: &[Message]) -> Option<ReadinessFinding> {
     let has_length = |message: &Message| {
         matches!(message, Message::Offset { name, values }
             if name == "TLO" && values.iter().any(|value| *value != 0.0))
     };
     offsets.iter().any(has_length).then(|| {
-        Remark::hinders(
+        ReadinessFinding::hinders(
             "a tool length offset is active (TLO)",
             "enter G49 at the control; the length of the stylus stands in the machine file (tool_mm)",
         )
@@ -68,13 +68,14 @@ pub(super) fn tool_length(offsets: &[Message]) -> Option<Remark> {
 /// Remarks on the settings. `axes`: each axis with its index in the reports. `homed_axes`: axes that must
 /// have a switch.
 pub(super) fn of_settings(
-    built: &Built,
+    built: &FirmwareInfo,
     settings: &Settings,
     axes: &[(Axis, u16)],
     homed_axes: &[Axis],
-) -> Vec<Remark> {
+) -> Vec<ReadinessFinding> {
     let mut remarks = Vec::new();
-    let mut hinders = |what: String, remedy: &str| remarks.push(Remark::hinders(what, remedy));
+    let mut hinders =
+        |what: String, remedy: &str| remarks.push(ReadinessFinding::hinders(what, remedy));
     // Classic Grbl has two bits in `$10` and always reports its inputs.
     let needed = if built.classic { &REPORTED[..1] } else { &REPORTED };
     let hidden: Vec<&str> =
@@ -119,13 +120,13 @@ pub(super) fn of_settings(
 
 /// Remark on axes without limits: soft limits do not limit an axis whose stored travel is zero. A rotary
 /// axis may turn without end.
-fn unlimited(settings: &Settings, axes: &[(Axis, u16)]) -> Option<Remark> {
+fn unlimited(settings: &Settings, axes: &[(Axis, u16)]) -> Option<ReadinessFinding> {
     let zero =
         |(axis, place): &&(Axis, u16)| axis.is_linear() && settings.value(130 + place) == Some(0.0);
     let without: Vec<&(Axis, u16)> = axes.iter().filter(zero).collect();
     let (_, first) = without.first()?;
     let what = format!("its soft limits do not limit {}: their travel is 0", names(&without));
-    Some(Remark::hinders(
+    Some(ReadinessFinding::hinders(
         what,
         &format!("enter the travel in mm at the control: ${} and so on", 130 + first),
     ))
@@ -136,7 +137,7 @@ fn without_switch(
     settings: &Settings,
     axes: &[(Axis, u16)],
     homed_axes: &[Axis],
-) -> Option<Remark> {
+) -> Option<ReadinessFinding> {
     let is_lost = |(axis, place): &&(Axis, u16)| {
         homed_axes.contains(axis) && homed_by(settings, *place) == HomedBy::Nothing
     };
@@ -146,7 +147,7 @@ fn without_switch(
             "it does not home {}: zero is where they stood when it was started ($44 to $49)",
             names(&lost)
         );
-        Remark::hinders(
+        ReadinessFinding::hinders(
             what,
             "enter them into the homing cycle; of a rotary axis without a switch state homing = \"none\" in \
              the machine file: a person then confirms its zero before each run",
@@ -156,17 +157,20 @@ fn without_switch(
 
 /// Remark on the axes of `homed_axes` that are not homed, from `[HOME:..:mask]` of `$#`.
 pub(super) fn homed(
-    built: &Built,
+    built: &FirmwareInfo,
     settings: &Settings,
     axes: &[(Axis, u16)],
     homed_axes: &[Axis],
     offsets: &[Message],
-) -> Option<Remark> {
+) -> Option<ReadinessFinding> {
     if built.classic {
         // Classic Grbl is locked until it is homed or an operator unlocks it.
         return settings.has(22, HOMING).then(|| {
             let what = "whether its axes are homed is not readable on this control";
-            Remark::note(what, "home it before each measurement ($H), do not unlock it ($X)")
+            ReadinessFinding::note(
+                what,
+                "home it before each measurement ($H), do not unlock it ($X)",
+            )
         });
     }
     let mask = homed_mask(offsets);
@@ -188,14 +192,18 @@ pub(super) fn homed(
         } else {
             "look at the machine, home it ($H) at the control, start again"
         };
-        Remark::hinders(what, remedy)
+        ReadinessFinding::hinders(what, remedy)
     })
 }
 
 /// Returns the first item that prevents a measurement as an error.
-pub(super) fn refuse(remarks: impl IntoIterator<Item = Remark>) -> Result<(), ControllerError> {
+pub(super) fn refuse(
+    remarks: impl IntoIterator<Item = ReadinessFinding>,
+) -> Result<(), ControllerError> {
     match remarks.into_iter().find(|remark| remark.hinders) {
-        Some(Remark { what, remedy, .. }) => Err(ControllerError::NotReady { state: what, remedy }),
+        Some(ReadinessFinding { what, remedy, .. }) => {
+            Err(ControllerError::NotReady { state: what, remedy })
+        }
         None => Ok(()),
     }
 }
@@ -214,30 +222,30 @@ impl Grbl {
     /// overrides from time to time.
     pub(super) async fn readiness_of_state(
         &mut self,
-        built: &Built,
-    ) -> Result<Vec<Remark>, ControllerError> {
+        built: &FirmwareInfo,
+    ) -> Result<Vec<ReadinessFinding>, ControllerError> {
         let status =
             if built.classic { self.wire.status().await? } else { self.wire.full_status().await? };
         let mut remarks = Vec::new();
         if status.position.is_none() {
-            remarks.push(Remark::hinders(
+            remarks.push(ReadinessFinding::hinders(
                 "its reports lack the machine position (MPos)",
                 "enter $10=511 at the control (classic Grbl: $10=3)",
             ));
         }
         if status.has_pendant {
-            remarks.push(Remark::hinders(
+            remarks.push(ReadinessFinding::hinders(
                 "a pendant has the control (MPG mode)",
                 "switch the pendant off, start again",
             ));
         }
         match self.wire.overrides {
             Some(overrides) => remarks.extend(overridden(overrides)),
-            None if built.classic => remarks.push(Remark::note(
+            None if built.classic => remarks.push(ReadinessFinding::note(
                 "its overrides were not reported yet",
                 "set them to 100 % at the control",
             )),
-            None => remarks.push(Remark::hinders(
+            None => remarks.push(ReadinessFinding::hinders(
                 "its reports lack the overrides (Ov)",
                 "enter $10=511 at the control",
             )),

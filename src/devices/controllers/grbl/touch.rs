@@ -73,7 +73,7 @@ impl Grbl {
         let again = touch_of(&self.wire.ask("$#").await?)?;
         if again != *said {
             let (first, again) = (format!("{said:?}"), format!("{again:?}"));
-            return Err(ControllerError::Doubtful { step, first, again });
+            return Err(ControllerError::ContradictoryTouch { step, first, again });
         }
         let contact = contact.only(|axis| axis != Axis::S);
         let astray = check::off_the_way(&from, &self.stood, &contact, |axis| self.tolerance(axis));

@@ -8,7 +8,7 @@ use tokio::time::{Instant, sleep};
 use super::fault::{not_ready, out_of_step, overridden, refused, silent, state_of, stranger};
 use super::message::{Message, Overrides, Status, alarm_meaning};
 use super::watch::{FREE_MOVE_POLL, Patience, Watch};
-use crate::controllers::{ControllerError, Halt, Remark};
+use crate::controllers::{ControllerError, Halt, ReadinessFinding};
 use link::{Link, LinkError, Received, Urgent};
 
 /// Request for a report with all fields: CMD_STATUS_REPORT_ALL (grblHAL `grbl.h`).
@@ -133,7 +133,9 @@ impl Wire {
     /// feed has another latch delay and overtravel.
     fn require_planned_speed(&self) -> Result<(), ControllerError> {
         let overrides = self.overrides.filter(|_| self.in_block);
-        let Some(Remark { what, .. }) = overrides.and_then(overridden) else { return Ok(()) };
+        let Some(ReadinessFinding { what, .. }) = overrides.and_then(overridden) else {
+            return Ok(());
+        };
         self.hold();
         let remedy = "set both overrides to 100 % at the control; it is held: look at the machine, reset it, \
                       home it";

@@ -1,7 +1,7 @@
 //! Finds out why no linuxcncrsh answers: the port, or another control at the port.
 
 use super::{Config, KIND};
-use crate::controllers::{ControllerError, Leave, Suspicion, port, stranger};
+use crate::controllers::{ControllerError, Diagnosis, Leave, port, stranger};
 use link::{Address, Named};
 use machine::record::machine::Machine;
 
@@ -14,7 +14,7 @@ impl Config {
         _machine: &Machine,
         failed: &ControllerError,
         leave: Leave,
-    ) -> Vec<Suspicion> {
+    ) -> Vec<Diagnosis> {
         let at = Named::Tcp(self.tcp.clone());
         let Ok(address) = at.address() else { return Vec::new() };
         if let Err(error) = link::open(&address).await {
@@ -34,7 +34,7 @@ impl Config {
                 let because = format!("{failed}; asked in the languages of other controls as well");
                 vec![other.unwrap_or_else(|| stranger::nobody(&address.to_string(), &because))]
             }
-            Leave::Listen if strange => vec![Suspicion {
+            Leave::Listen if strange => vec![Diagnosis {
                 seen: false,
                 vague: true,
                 what: "wrong port, or another kind of control".to_owned(),
@@ -47,14 +47,14 @@ impl Config {
     }
 
     /// Suspected cause: linuxcncrsh listens at its default port on the same computer.
-    async fn usual_port(&self, address: &Address, leave: Leave) -> Option<Suspicion> {
+    async fn usual_port(&self, address: &Address, leave: Leave) -> Option<Diagnosis> {
         let Address::Tcp { host, port } = address else { return None };
         let usual = Address::Tcp { host: host.clone(), port: USUAL_PORT };
         if leave != Leave::Ask || *port == USUAL_PORT {
             return None;
         }
         let said = stranger::greets_as_rsh(&usual).await?;
-        Some(Suspicion {
+        Some(Diagnosis {
             seen: true,
             vague: false,
             what: format!("wrong port: linuxcncrsh listens at {usual}, not at {address}"),

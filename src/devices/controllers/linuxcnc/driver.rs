@@ -15,7 +15,7 @@ use super::rsh::Rsh;
 use super::watch::Watched;
 use super::{Sampler, kinematics, state, watch, way};
 use crate::controllers::{
-    ControllerError, Driver, Halt, Introduction, Look, Prepared, ReadinessItem, arrival,
+    ControllerError, DeviceInfo, Driver, Halt, Look, Prepared, ReadinessItem, arrival,
 };
 use link::Address;
 use machine::record::motion::{Motion, Outcome};
@@ -371,7 +371,7 @@ impl Driver for LinuxCnc {
     }
 
     /// Every program restores the modal state itself; only the probe and the mode are left to `finish`.
-    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
         self.say_who().await
     }
 

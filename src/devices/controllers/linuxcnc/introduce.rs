@@ -4,7 +4,7 @@
 
 use super::driver::LinuxCnc;
 use super::ini::Ini;
-use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
+use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxis};
 use machine::Axis;
 use machine::record::machine::Sense;
 
@@ -26,19 +26,19 @@ const S_PER_MIN: f64 = 60.0;
 const SHOWN: f64 = 0.000_001;
 
 impl LinuxCnc {
-    pub(super) async fn say_who(&mut self) -> Result<Introduction, ControllerError> {
+    pub(super) async fn say_who(&mut self) -> Result<DeviceInfo, ControllerError> {
         let identity = format!("LinuxCNC, {}", self.rsh.server);
         let Some(path) = &self.settings.ini else {
-            let axes = self.settings.axes.iter().map(|axis| (*axis, AxisSays::default()));
+            let axes = self.settings.axes.iter().map(|axis| (*axis, ReportedAxis::default()));
             let what = "it does not tell its axes, travel and speeds over its text interface";
             let remedy = "in the machine file: [controller] ini = \"...\", the INI file that it was started with";
-            let remarks = vec![Remark::note(what, remedy)];
-            return Ok(Introduction { identity, axes: axes.collect(), remarks, polarity: None });
+            let remarks = vec![ReadinessFinding::note(what, remedy)];
+            return Ok(DeviceInfo { identity, axes: axes.collect(), remarks, polarity: None });
         };
         let ini = Ini::read(path)?;
         let mm = ini.mm_per_unit();
         let axes = ini.axes().into_iter().map(|axis| (axis, ini.axis(axis, mm))).collect();
-        Ok(Introduction { identity, axes, remarks: ini.remarks(), polarity: None })
+        Ok(DeviceInfo { identity, axes, remarks: ini.remarks(), polarity: None })
     }
 }
 
@@ -61,12 +61,12 @@ impl Ini {
         }
     }
 
-    fn axis(&self, axis: Axis, mm: f64) -> AxisSays {
+    fn axis(&self, axis: Axis, mm: f64) -> ReportedAxis {
         let section = format!("AXIS_{axis}");
         let unit = if axis.is_linear() { mm } else { 1.0 };
         let value = |key: &str| self.number(&section, key).map(|value| value * unit);
         let (min, max) = (value("MIN_LIMIT"), value("MAX_LIMIT"));
-        AxisSays {
+        ReportedAxis {
             min,
             max,
             travel: min.zip(max).map(|(min, max)| max - min),
@@ -85,7 +85,7 @@ impl Ini {
         known.map(|(_, axes, sense)| (*axes, *sense))
     }
 
-    fn remarks(&self) -> Vec<Remark> {
+    fn remarks(&self) -> Vec<ReadinessFinding> {
         let mut remarks = Vec::new();
         let kinematics = self.kinematics().unwrap_or_default();
         // The INI file has only the mode at the start: `prepare` reads the present mode itself.
@@ -95,7 +95,7 @@ impl Ini {
                  axes are not the joints"
             );
             let remedy = "enter M429 before a measurement, or write sparm=identityfirst";
-            remarks.push(Remark::note(what, remedy));
+            remarks.push(ReadinessFinding::note(what, remedy));
         }
         if let Some((axes, Sense::Reversed)) = self.table() {
             let axes: Vec<String> = axes.iter().map(Axis::to_string).collect();
@@ -106,7 +106,7 @@ impl Ini {
             );
             let remedy = "positive = \"reversed\" in [axes] of the machine file, \"iso\" where that pin is 1; \
                           `trued check` shows how the machine turns";
-            remarks.push(Remark::note(what, remedy));
+            remarks.push(ReadinessFinding::note(what, remedy));
         }
         remarks
     }

@@ -276,7 +276,7 @@ async fn a_program_that_ended_elsewhere_than_its_way_leads_is_no_success() {
         vec![Motion::Rapid { to: to(30.0) }, Motion::Probe { to: to(26.0), feed_mm_min: 30.0 }];
     let error =
         driver.execute(proven(&driver, &Block { step: 1, repeat: 0, motions })).await.unwrap_err();
-    assert!(matches!(error, ControllerError::Astray { .. }), "{error}");
+    assert!(matches!(error, ControllerError::WrongPosition { .. }), "{error}");
 }
 
 /// At B = C = 0 each axis is where its joint is in every mode.

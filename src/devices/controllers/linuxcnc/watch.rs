@@ -74,7 +74,7 @@ pub(super) async fn run(
     rsh.command("run").await?;
     let (mut idle_since, mut settled) = (None, false);
     let mut halted_since = None;
-    let mut still = Still::now();
+    let mut still = NoProgress::now();
     loop {
         if let Some(ends) = turns_to
             && touches_in_turn(rsh, ends).await?
@@ -125,14 +125,14 @@ async fn touches_in_turn(rsh: &mut Rsh, ends: &Position) -> Result<bool, Control
 }
 
 /// Time without a change.
-struct Still {
+struct NoProgress {
     since: Instant,
     last: (String, usize),
     /// Time of the last request for a sign of life.
     asked: Instant,
 }
 
-impl Still {
+impl NoProgress {
     fn now() -> Self {
         Self { since: Instant::now(), last: (String::new(), 0), asked: Instant::now() }
     }

@@ -9,7 +9,7 @@ use tokio::time::sleep;
 use super::map::Map;
 use super::status::{PROGRAM_VERSION, VERSION};
 use super::{Config, KIND, otherwise};
-use crate::controllers::{ControllerError, Leave, Suspicion, port, stranger};
+use crate::controllers::{ControllerError, Diagnosis, Leave, port, stranger};
 use link::modbus::{Allowed, Framing, Line, Modbus, ModbusError, Parity, Range, Settings, Space};
 use link::{Address, Named};
 use machine::record::machine::Machine;
@@ -26,13 +26,13 @@ impl Config {
         machine: &Machine,
         failed: &ControllerError,
         leave: Leave,
-    ) -> Vec<Suspicion> {
+    ) -> Vec<Diagnosis> {
         use ControllerError as E;
         let closed = port::suspects(&self.device.line.at, failed);
         match failed {
             E::Modbus(ModbusError::Refused { .. })
-            | E::Strange { .. }
-            | E::Astray { .. }
+            | E::UnexpectedDevice { .. }
+            | E::WrongPosition { .. }
             | E::Garbled { .. } => self.read_otherwise(machine, leave).await,
             E::Frozen => self.heart().await,
             E::Modbus(
@@ -58,7 +58,7 @@ impl Config {
         Modbus::open(self.device.line.clone(), settings).await
     }
 
-    async fn read_otherwise(&self, machine: &Machine, leave: Leave) -> Vec<Suspicion> {
+    async fn read_otherwise(&self, machine: &Machine, leave: Leave) -> Vec<Diagnosis> {
         let Ok(modbus) = self.look().await else { return Vec::new() };
         let block = status(&modbus, &self.map).await;
         if let Some(block) = block.filter(|block| otherwise::is_status(&self.map, block)) {
@@ -69,7 +69,7 @@ impl Config {
             return vec![other];
         }
         if leave == Leave::Listen {
-            return vec![Suspicion { vague: true, ..shifted() }];
+            return vec![Diagnosis { vague: true, ..shifted() }];
         }
         for (by, other) in otherwise::OFF {
             let Some(map) = otherwise::moved(&self.map, by, other) else { continue };
@@ -82,7 +82,7 @@ impl Config {
     }
 
     /// Finds the registers that change in a status whose heartbeat does not.
-    async fn heart(&self) -> Vec<Suspicion> {
+    async fn heart(&self) -> Vec<Diagnosis> {
         let Ok(modbus) = self.look().await else { return Vec::new() };
         let Some(before) = status(&modbus, &self.map).await else { return Vec::new() };
         sleep(BEAT).await;
@@ -100,7 +100,7 @@ impl Config {
         }]
     }
 
-    fn unasked(&self, failed: &ControllerError) -> Suspicion {
+    fn unasked(&self, failed: &ControllerError) -> Diagnosis {
         let (what, remedy) = match self.device.line.at {
             Named::Tcp(_) => (
                 format!(
@@ -118,7 +118,7 @@ impl Config {
                  be tried",
             ),
         };
-        Suspicion {
+        Diagnosis {
             seen: false,
             vague: true,
             what,
@@ -128,7 +128,7 @@ impl Config {
     }
 
     /// Searches for other units, settings and protocols that answer.
-    async fn elsewhere(&self, failed: &ControllerError) -> Vec<Suspicion> {
+    async fn elsewhere(&self, failed: &ControllerError) -> Vec<Diagnosis> {
         let found = match self.device.line.at.address() {
             Ok(Address::Serial { path, baud }) => self.on_the_line(&path, baud).await,
             Ok(Address::Tcp { .. }) => self.behind_the_socket().await,
@@ -140,7 +140,7 @@ impl Config {
         vec![found.unwrap_or_else(|| stranger::nobody(&at, &because()))]
     }
 
-    async fn on_the_line(&self, path: &str, baud: u32) -> Option<Suspicion> {
+    async fn on_the_line(&self, path: &str, baud: u32) -> Option<Diagnosis> {
         for unit in UNITS.filter(|unit| *unit != self.device.unit) {
             if stranger::answers_modbus(&self.device.line, unit).await {
                 return Some(wrong_unit(self.device.unit, unit));
@@ -173,7 +173,7 @@ impl Config {
         stranger::on_serial(path, baud, KIND).await
     }
 
-    async fn behind_the_socket(&self) -> Option<Suspicion> {
+    async fn behind_the_socket(&self) -> Option<Diagnosis> {
         for unit in TCP_UNITS.into_iter().filter(|unit| *unit != self.device.unit) {
             if stranger::answers_modbus(&self.device.line, unit).await {
                 return Some(wrong_unit(self.device.unit, unit));
@@ -196,7 +196,7 @@ async fn status(modbus: &Modbus, map: &Map) -> Option<Vec<u16>> {
 }
 
 /// Suspected cause: lines are configured, but a resident program is behind the window; or the reverse.
-async fn other_window(modbus: &Modbus, map: &Map) -> Option<Suspicion> {
+async fn other_window(modbus: &Modbus, map: &Map) -> Option<Diagnosis> {
     let at = &map.status.version;
     let block = modbus.read(map.status.space, at.address, at.count()).await.ok()?;
     let version = at.read(&block, at.address).ok()?;
@@ -216,11 +216,11 @@ async fn other_window(modbus: &Modbus, map: &Map) -> Option<Suspicion> {
     };
     let because = format!("it says that it is a window of version {version}");
     let (what, remedy) = (what.to_owned(), remedy.to_owned());
-    Some(Suspicion { seen: false, vague: false, what, because, remedy })
+    Some(Diagnosis { seen: false, vague: false, what, because, remedy })
 }
 
-fn wrong_unit(wrong: u8, right: u8) -> Suspicion {
-    Suspicion {
+fn wrong_unit(wrong: u8, right: u8) -> Diagnosis {
+    Diagnosis {
         seen: true,
         vague: false,
         what: format!("wrong unit: a device answers as unit {right}, none as {wrong}"),
@@ -229,8 +229,8 @@ fn wrong_unit(wrong: u8, right: u8) -> Suspicion {
     }
 }
 
-fn wrong_line(what: &str, keys: &str) -> Suspicion {
-    Suspicion {
+fn wrong_line(what: &str, keys: &str) -> Diagnosis {
+    Diagnosis {
         seen: true,
         vague: false,
         what: what.to_owned(),
@@ -239,8 +239,8 @@ fn wrong_line(what: &str, keys: &str) -> Suspicion {
     }
 }
 
-fn shifted() -> Suspicion {
-    Suspicion {
+fn shifted() -> Diagnosis {
+    Diagnosis {
         seen: false,
         vague: false,
         what: "wrong addresses, wrong space, or a program in the control that serves another window".to_owned(),
@@ -251,8 +251,8 @@ fn shifted() -> Suspicion {
     }
 }
 
-fn stopped(own: u16) -> Suspicion {
-    Suspicion {
+fn stopped(own: u16) -> Diagnosis {
+    Diagnosis {
         seen: true,
         vague: false,
         what: "the control's program is stopped: what answers is only its Modbus server".to_owned(),
@@ -263,10 +263,10 @@ fn stopped(own: u16) -> Suspicion {
     }
 }
 
-fn other_heart(own: u16, changed: &[u16]) -> Suspicion {
+fn other_heart(own: u16, changed: &[u16]) -> Diagnosis {
     let list: Vec<String> = changed.iter().map(u16::to_string).collect();
     let list = list.join(", ");
-    Suspicion {
+    Diagnosis {
         seen: false,
         vague: false,
         what: format!("wrong address of the heartbeat: register {own} stands, the control lives"),

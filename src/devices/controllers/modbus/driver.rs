@@ -15,7 +15,7 @@ use super::window::Window;
 use crate::controllers::arrival::moved_by_hand;
 use crate::controllers::lines::{self, Lines};
 use crate::controllers::stamp::{ControlClock, ReportedTime};
-use crate::controllers::{ControllerError, Driver, Halt, Introduction, Look, Prepared, arrival};
+use crate::controllers::{ControllerError, DeviceInfo, Driver, Halt, Look, Prepared, arrival};
 use machine::record::machine::Machine;
 use machine::record::motion::{Motion, Outcome};
 use machine::{Axis, Position};
@@ -183,7 +183,7 @@ impl ModbusControl {
         match status.latches.wrapping_sub(before) {
             0 => Ok((false, status)),
             1 => Ok((true, status)),
-            _ => Err(ControllerError::Doubtful {
+            _ => Err(ControllerError::ContradictoryTouch {
                 step,
                 first: format!("contact {before}"),
                 again: format!("contact {}", status.latches),
@@ -343,7 +343,7 @@ impl Driver for ModbusControl {
         Ok(Look { probe_closed: status.probe_closed, stands })
     }
 
-    async fn introduce(&mut self) -> Result<Introduction, ControllerError> {
+    async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
         self.say_who().await
     }
 

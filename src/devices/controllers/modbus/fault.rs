@@ -125,9 +125,9 @@ pub(super) fn stands_after(error: &ControllerError) -> bool {
             | E::NoContact { .. }
             | E::UnexpectedContact { .. }
             | E::StillTripped { .. }
-            | E::Astray { .. }
+            | E::WrongPosition { .. }
             | E::NotReady { .. }
-            | E::Strange { .. }
+            | E::UnexpectedDevice { .. }
             | E::Stamp { .. }
             | E::Probe { .. }
             | E::Render { .. }

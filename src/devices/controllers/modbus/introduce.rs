@@ -3,19 +3,19 @@
 use super::driver::ModbusControl;
 use super::otherwise::BEYOND;
 use super::status::Status;
-use crate::controllers::{AxisSays, ControllerError, Introduction, Remark};
+use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxis};
 use machine::Axis;
 
 impl ModbusControl {
-    pub(super) async fn say_who(&mut self) -> Result<Introduction, ControllerError> {
+    pub(super) async fn say_who(&mut self) -> Result<DeviceInfo, ControllerError> {
         let status = self.window.status().await?;
         let places = &self.window.map.status.position;
         let says = |(axis, register): (&Axis, &super::map::Register)| {
             let whole = !register.number.kind.is_float();
             let step = whole.then_some(register.number.scale);
-            (*axis, AxisSays { step, ..AxisSays::default() })
+            (*axis, ReportedAxis { step, ..ReportedAxis::default() })
         };
-        Ok(Introduction {
+        Ok(DeviceInfo {
             identity: self.identity(),
             axes: places.iter().map(says).collect(),
             remarks: self.remarks(&status),
@@ -23,7 +23,7 @@ impl ModbusControl {
         })
     }
 
-    fn remarks(&self, status: &Status) -> Vec<Remark> {
+    fn remarks(&self, status: &Status) -> Vec<ReadinessFinding> {
         let mut remarks = Vec::new();
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
@@ -36,17 +36,17 @@ impl ModbusControl {
                 );
                 let remedy = "compare with the control's display: `scale`, `type` and `order` in \
                               [controller.registers.status.position] and .latch, or [axes] min and max";
-                remarks.push(Remark::hinders(what, remedy));
+                remarks.push(ReadinessFinding::hinders(what, remedy));
             }
         }
         if status.position.iter().all(|(_, value)| value == 0.0) {
             let what = "all axes are read as zero, as they would be with any order, type and scale";
             let remedy = "jog each axis a little at the control and look again";
-            remarks.push(Remark::note(what, remedy));
+            remarks.push(ReadinessFinding::note(what, remedy));
         }
         if status.time_s.is_none() {
             let what = "it does not tell its time: readings carry the time at which they came here";
-            remarks.push(Remark::note(what, "none needed; drift is told less exactly"));
+            remarks.push(ReadinessFinding::note(what, "none needed; drift is told less exactly"));
         }
         remarks
     }

@@ -3,7 +3,7 @@
 
 use super::map::{Map, Register, Results, Status as Places};
 use super::status::Status;
-use crate::controllers::Suspicion;
+use crate::controllers::Diagnosis;
 use link::modbus::Space;
 use link::modbus::value::{Kind, Number, Order};
 use machine::Axis;
@@ -64,7 +64,7 @@ pub(super) fn fits(map: &Map, block: &[u16], machine: &Machine) -> bool {
 }
 
 /// Suspected causes, one for each single change that would bring all axes into their travel.
-pub(super) fn suspects(map: &Map, block: &[u16], machine: &Machine) -> Vec<Suspicion> {
+pub(super) fn suspects(map: &Map, block: &[u16], machine: &Machine) -> Vec<Diagnosis> {
     let Some(number) = map.status.position.values().next().map(|register| register.number) else {
         return Vec::new();
     };
@@ -91,11 +91,11 @@ pub(super) fn suspects(map: &Map, block: &[u16], machine: &Machine) -> Vec<Suspi
     told.iter().map(|(change, positions)| suspicion(*change, number, positions)).collect()
 }
 
-fn suspicion(change: Change, number: Number, positions: &[(Axis, f64)]) -> Suspicion {
+fn suspicion(change: Change, number: Number, positions: &[(Axis, f64)]) -> Diagnosis {
     let (what, key) = change.words(number);
     let stands: Vec<String> =
         positions.iter().map(|(axis, value)| format!("{axis} {value:.3}")).collect();
-    Suspicion {
+    Diagnosis {
         seen: false,
         vague: false,
         what: format!("{what} of the positions"),
@@ -176,7 +176,7 @@ pub(super) fn is_status(map: &Map, block: &[u16]) -> bool {
 }
 
 /// Suspected cause if the status was found with [`moved`].
-pub(super) fn elsewhere(map: &Map, by: i16, other: bool) -> Suspicion {
+pub(super) fn elsewhere(map: &Map, by: i16, other: bool) -> Diagnosis {
     let space = if map.status.space == Space::Input { "input" } else { "holding" };
     let what = match (by, other) {
         (0, _) => format!("wrong space: the status lies in the {space} registers"),
@@ -194,7 +194,7 @@ pub(super) fn elsewhere(map: &Map, by: i16, other: bool) -> Suspicion {
             if other { format!("space = \"{space}\", and ") } else { String::new() }
         ),
     };
-    Suspicion {
+    Diagnosis {
         seen: true,
         vague: false,
         what,

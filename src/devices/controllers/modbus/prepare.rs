@@ -77,7 +77,7 @@ impl ModbusControl {
             let tiny = otherwise::is_no_position(stands);
             if tiny || stands < spec.min - span || stands > spec.max + span {
                 let stands = if tiny { format!("{stands:e}") } else { stands.to_string() };
-                return Err(ControllerError::Strange {
+                return Err(ControllerError::UnexpectedDevice {
                     state: format!(
                         "it says that {axis} stands at {stands}, which it cannot: its travel goes from {} to {}",
                         spec.min, spec.max

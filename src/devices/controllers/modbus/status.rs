@@ -156,7 +156,7 @@ impl Block<'_> {
 }
 
 fn wrong(state: String) -> ControllerError {
-    ControllerError::Strange {
+    ControllerError::UnexpectedDevice {
         state,
         remedy: "compare [controller.registers] with the control's program: addresses, `type`, \
                  `order`, `scale`, `space` (docs/line-window.md, docs/resident-program.md)"

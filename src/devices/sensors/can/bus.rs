@@ -1,6 +1,6 @@
 //! State of the bus while no frame arrives, with the reason if it is known.
 
-use link::can::{CanError, Heard, Id};
+use link::can::{CanError, CanEvent, Id};
 
 #[derive(Debug, Default)]
 pub(super) struct Bus {
@@ -15,15 +15,15 @@ pub(super) struct Bus {
 
 impl Bus {
     /// Stores an event that is not a frame.
-    pub fn hears(&mut self, heard: Heard) {
+    pub fn hears(&mut self, heard: CanEvent) {
         match heard {
-            Heard::Frame(_) => {}
-            Heard::Down(why) => self.down = Some(why),
-            Heard::Up => (self.down, self.off) = (None, None),
-            Heard::Off(why) => self.off = Some(why),
-            Heard::Lost(_) => self.off = None,
-            Heard::Trouble(why) => self.errors = Some(why),
-            Heard::Other(id) => self.others.push(id),
+            CanEvent::Frame(_) => {}
+            CanEvent::Down(why) => self.down = Some(why),
+            CanEvent::Up => (self.down, self.off) = (None, None),
+            CanEvent::Off(why) => self.off = Some(why),
+            CanEvent::Lost(_) => self.off = None,
+            CanEvent::ErrorFrameClass(why) => self.errors = Some(why),
+            CanEvent::Other(id) => self.others.push(id),
         }
     }
 
@@ -44,9 +44,9 @@ impl Bus {
         // Frames of other nodes arrive, so the bus itself works.
         if !self.others.is_empty() {
             let others = self.others.iter().map(Id::to_string).collect::<Vec<_>>().join(", ");
-            return Some(CanError::Others { interface, id, others });
+            return Some(CanError::ForeignIdDetector { interface, id, others });
         }
         let why = self.errors.clone()?;
-        Some(CanError::Trouble { interface, id, why })
+        Some(CanError::ErrorFrameClass { interface, id, why })
     }
 }

@@ -7,13 +7,13 @@ use tokio::sync::mpsc;
 use super::driver::Driver;
 use super::tests::{Stands, config, noun};
 use crate::sensors::{Driver as _, Sample, SensorError};
-use link::can::{Can, CanError, Frame, Heard, Id};
+use link::can::{Can, CanError, CanEvent, Frame, Id};
 use machine::record::reading::Flag;
 
 const COUNTED: &str = "counter = { byte = 3, width = 8 }";
 
 /// A driver, and the sender of the events that it receives.
-fn driver(counter: &str, timeout_s: f64) -> (Driver, mpsc::Sender<Heard>) {
+fn driver(counter: &str, timeout_s: f64) -> (Driver, mpsc::Sender<CanEvent>) {
     let keys = "interface = \"can0\"\nid = 0x123\nlength = 4\n\
                 value = { byte = 0, width = 24, order = \"big\", signed = true, scale_mm = 1e-5 }\n";
     let config = config(&format!("{keys}timeout_s = {timeout_s:?}\n{counter}")).unwrap();
@@ -26,8 +26,8 @@ fn id(raw: u32) -> Id {
     Id::new(raw, false).unwrap()
 }
 
-fn frame(count: u8) -> Heard {
-    Heard::Frame(Frame::new(20.0 + f64::from(count) * 1e-3, id(0x123), &[0, 0, count, count]))
+fn frame(count: u8) -> CanEvent {
+    CanEvent::Frame(Frame::new(20.0 + f64::from(count) * 1e-3, id(0x123), &[0, 0, count, count]))
 }
 
 fn words(words: &str) -> String {
@@ -35,7 +35,7 @@ fn words(words: &str) -> String {
 }
 
 /// Error of a driver that receives the events `said` before it starts, and nothing afterwards.
-async fn refused(said: Vec<Heard>) -> CanError {
+async fn refused(said: Vec<CanEvent>) -> CanError {
     let (mut driver, say) = driver(COUNTED, 0.05);
     for heard in said {
         say.send(heard).await.unwrap();
@@ -49,8 +49,8 @@ async fn refused(said: Vec<Heard>) -> CanError {
 #[tokio::test]
 async fn a_bus_with_errors_alone_names_the_bit_rate() {
     let error = refused(vec![
-        Heard::Trouble(words("controller problem: rx warning")),
-        Heard::Trouble(words("protocol violation")),
+        CanEvent::ErrorFrameClass(words("controller problem: rx warning")),
+        CanEvent::ErrorFrameClass(words("protocol violation")),
     ])
     .await;
     let said = error.to_string();
@@ -61,24 +61,25 @@ async fn a_bus_with_errors_alone_names_the_bit_rate() {
 
 #[tokio::test]
 async fn a_controller_off_the_bus_and_an_interface_that_is_down_say_so() {
-    let errors = || Heard::Trouble(words("bus error"));
-    let off = || Heard::Off(words("bus off"));
+    let errors = || CanEvent::ErrorFrameClass(words("bus error"));
+    let off = || CanEvent::Off(words("bus off"));
     let error = refused(vec![errors(), off(), errors()]).await;
     assert!(matches!(error, CanError::Off { .. }), "{error}");
     assert!(error.remedy().contains("restart-ms"), "{}", error.remedy());
-    let error = refused(vec![off(), Heard::Down(words("network is down"))]).await;
+    let error = refused(vec![off(), CanEvent::Down(words("network is down"))]).await;
     assert!(matches!(error, CanError::Down { .. }), "{error}");
     // The bus was restarted, or set up again, meanwhile.
-    let error = refused(vec![errors(), off(), Heard::Lost(1)]).await;
-    assert!(matches!(error, CanError::Trouble { .. }), "{error}");
-    let error = refused(vec![errors(), Heard::Down(words("gone")), off(), Heard::Up]).await;
-    assert!(matches!(error, CanError::Trouble { .. }), "{error}");
+    let error = refused(vec![errors(), off(), CanEvent::Lost(1)]).await;
+    assert!(matches!(error, CanError::ErrorFrameClass { .. }), "{error}");
+    let error = refused(vec![errors(), CanEvent::Down(words("gone")), off(), CanEvent::Up]).await;
+    assert!(matches!(error, CanError::ErrorFrameClass { .. }), "{error}");
 }
 
 #[tokio::test]
 async fn frames_of_others_alone_are_named() {
-    let other = |raw| Heard::Other(id(raw));
-    let error = refused(vec![Heard::Trouble(words("bus error")), other(0x182), other(7)]).await;
+    let other = |raw| CanEvent::Other(id(raw));
+    let error =
+        refused(vec![CanEvent::ErrorFrameClass(words("bus error")), other(0x182), other(7)]).await;
     assert_eq!(error.to_string(), "no frame 123 came on `can0`, but those of others did: 182, 007");
     assert!(error.remedy().contains("compare `id`"), "{}", error.remedy());
 }
@@ -99,7 +100,7 @@ async fn a_counter_that_always_says_the_same_is_named() {
     assert!(matches!(error, SensorError::Stands), "{error}");
 }
 
-async fn samples(counter: &str, said: Vec<Heard>, count: usize) -> Vec<(Flag, u32)> {
+async fn samples(counter: &str, said: Vec<CanEvent>, count: usize) -> Vec<(Flag, u32)> {
     let (mut driver, say) = driver(counter, 30.0);
     driver.forget().await.unwrap();
     for heard in said {
@@ -119,10 +120,10 @@ async fn a_bus_that_fails_on_the_way_is_flagged_at_once_and_leaves_a_gap() {
     let said = || {
         vec![
             frame(1),
-            Heard::Trouble(words("bus error")),
+            CanEvent::ErrorFrameClass(words("bus error")),
             frame(2),
-            Heard::Off(words("bus off")),
-            Heard::Lost(1),
+            CanEvent::Off(words("bus off")),
+            CanEvent::Lost(1),
             frame(7),
             frame(8),
         ]

@@ -5,10 +5,10 @@ use std::time::{Duration, Instant};
 
 use super::Config;
 use super::bus::Bus;
-use crate::sensors::follow::Counting;
+use crate::sensors::follow::CounterTracker;
 use crate::sensors::layout::Layout;
 use crate::sensors::{Driver as Seam, Named, Opening, Prepared, Sample, Sensor, SensorError};
-use link::can::{Can, Frame, Heard, Id};
+use link::can::{Can, CanEvent, Frame, Id};
 use link::{Clock, SharedPorts};
 use machine::record::reading::Flag;
 use machine::record::sensor;
@@ -26,7 +26,7 @@ pub(super) struct Driver {
     range_mm: [f64; 2],
     timeout: Duration,
     clock: Arc<dyn Clock>,
-    counting: Counting,
+    counting: CounterTracker,
     /// Time before which received frames are ignored, s.
     since_s: f64,
     bus: Bus,
@@ -41,7 +41,7 @@ impl Driver {
         clock: Arc<dyn Clock>,
     ) -> Self {
         let Config { id, layout, timeout, .. } = config.clone();
-        let counting = Counting::new(layout.counter_width().map(|width| 1 << width));
+        let counting = CounterTracker::new(layout.counter_width().map(|width| 1 << width));
         let since_s = f64::NEG_INFINITY;
         let (bus, _served) = (Bus::default(), None);
         Self { can, id, layout, range_mm, timeout, clock, counting, since_s, bus, _served }
@@ -53,12 +53,13 @@ impl Driver {
     }
 
     fn read(&mut self, frame: &Frame) -> Result<Sample, SensorError> {
-        let decoded = self.layout.decode(frame.data()).map_err(|short| SensorError::Strange {
-            text: format!("{short} (id {} on {})", self.id, self.can.name()),
-            remedy:
-                "compare `id`, `length` and the layout of [sensor.can] with the sensor's manual"
-                    .to_owned(),
-        })?;
+        let decoded =
+            self.layout.decode(frame.data()).map_err(|short| SensorError::UnexpectedDevice {
+                text: format!("{short} (id {} on {})", self.id, self.can.name()),
+                remedy:
+                    "compare `id`, `length` and the layout of [sensor.can] with the sensor's manual"
+                        .to_owned(),
+            })?;
         Ok(self.counting.follow(frame.t_s, decoded.within(self.range_mm)))
     }
 
@@ -74,7 +75,7 @@ impl Driver {
         loop {
             let left = deadline.saturating_duration_since(Instant::now());
             match self.can.next(left).await? {
-                Some(Heard::Frame(frame)) => {
+                Some(CanEvent::Frame(frame)) => {
                     self.bus.speaks();
                     return self.read(&frame);
                 }
@@ -143,17 +144,17 @@ impl Seam for Driver {
             let left = deadline.saturating_duration_since(Instant::now());
             match self.can.next(left).await? {
                 None => return Ok(self.nothing()),
-                Some(Heard::Frame(frame)) if frame.t_s < self.since_s => {}
-                Some(Heard::Frame(frame)) => {
+                Some(CanEvent::Frame(frame)) if frame.t_s < self.since_s => {}
+                Some(CanEvent::Frame(frame)) => {
                     self.bus.speaks();
                     return self.read(&frame);
                 }
-                Some(heard @ (Heard::Down(_) | Heard::Off(_))) => {
+                Some(heard @ (CanEvent::Down(_) | CanEvent::Off(_))) => {
                     self.bus.hears(heard);
                     self.counting.interrupted();
                     return Ok(self.nothing());
                 }
-                Some(heard @ (Heard::Up | Heard::Lost(_))) => {
+                Some(heard @ (CanEvent::Up | CanEvent::Lost(_))) => {
                     self.bus.hears(heard);
                     self.counting.interrupted();
                 }

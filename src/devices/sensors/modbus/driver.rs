@@ -6,7 +6,7 @@ use tokio::time::{Duration, Instant, sleep_until};
 
 use super::Config;
 use super::standing::Standing;
-use crate::sensors::follow::Counting;
+use crate::sensors::follow::CounterTracker;
 use crate::sensors::layout::Decoded;
 use crate::sensors::{Driver, Named, Opening, Port, Prepared, Sample, Sensor, SensorError};
 use link::modbus::{Modbus, ModbusError};
@@ -23,7 +23,7 @@ pub struct Registers {
     range_mm: [f64; 2],
     clock: Arc<dyn Clock>,
     link: Modbus,
-    counting: Counting,
+    counting: CounterTracker,
     /// Detects an unchanged value by its noise, if there is no counter.
     standing: Option<Standing>,
     /// Samples a second of a simulated sensor whose time advances only when it is read.
@@ -58,7 +58,7 @@ impl Registers {
             range_mm: sensor.range_mm,
             clock,
             link,
-            counting: Counting::new(config.map.round()),
+            counting: CounterTracker::new(config.map.round()),
             // A sensor that measures when it is read has no unchanged values.
             standing: match simulated_hz {
                 Some(_) => None,
@@ -81,7 +81,7 @@ impl Registers {
         let span = self.config.map.span;
         let words = self.link.read(span.space, span.first, span.last - span.first + 1).await?;
         let read = self.config.map.read(&words);
-        read.map_err(|error| SensorError::Strange {
+        read.map_err(|error| SensorError::UnexpectedDevice {
             text: format!("registers {} to {}: {error}", span.first, span.last),
             remedy:
                 "compare [sensor.modbus] with the sensor's manual: register, type, order; `nan` \
@@ -153,7 +153,7 @@ impl Driver for Registers {
                 count += usize::from(!stands);
             }
             if count == 0 || self.standing.as_ref().is_some_and(Standing::stood) {
-                return Err(SensorError::Strange {
+                return Err(SensorError::UnexpectedDevice {
                     text: "its registers stand: counter or value is always the same, or the status says \
                            so"
                         .to_owned(),

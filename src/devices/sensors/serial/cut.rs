@@ -15,7 +15,7 @@ pub(super) enum Piece {
         bytes: usize,
     },
     /// Bytes that cannot be decoded.
-    Spoilt(Vec<u8>),
+    Undecodable(Vec<u8>),
 }
 
 #[derive(Debug)]
@@ -59,11 +59,11 @@ fn lines(layout: &line::Layout, held: &mut Vec<u8>, fresh: &mut bool) -> Vec<Pie
         }
         pieces.push(match layout.read(line) {
             Some(said) => Piece::Whole { said, bytes: ended.len() },
-            None => Piece::Spoilt(line.to_vec()),
+            None => Piece::Undecodable(line.to_vec()),
         });
     }
     if held.len() > LONGEST {
-        pieces.push(Piece::Spoilt(std::mem::take(held)));
+        pieces.push(Piece::Undecodable(std::mem::take(held)));
         *fresh = true;
     }
     pieces
@@ -82,7 +82,7 @@ fn frames(layout: &frame::Layout, held: &mut Vec<u8>, fresh: &mut bool) -> Vec<P
             Some(said) => {
                 held.drain(..layout.whole());
                 if !std::mem::take(fresh) && !spoilt.is_empty() {
-                    pieces.push(Piece::Spoilt(std::mem::take(&mut spoilt)));
+                    pieces.push(Piece::Undecodable(std::mem::take(&mut spoilt)));
                 }
                 spoilt.clear();
                 pieces.push(Piece::Whole { said, bytes: layout.whole() });
@@ -93,7 +93,7 @@ fn frames(layout: &frame::Layout, held: &mut Vec<u8>, fresh: &mut bool) -> Vec<P
     }
     // Bytes before the first valid piece count as invalid too: they may be noise.
     if !spoilt.is_empty() {
-        pieces.push(Piece::Spoilt(spoilt));
+        pieces.push(Piece::Undecodable(spoilt));
     }
     pieces
 }

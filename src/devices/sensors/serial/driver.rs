@@ -8,12 +8,12 @@ use tokio::time::{Duration, Instant, sleep_until};
 use super::Config;
 use super::cut::{Cutter, Piece};
 use super::suspect::Heard;
-use crate::sensors::follow::Counting;
+use crate::sensors::follow::CounterTracker;
 use crate::sensors::layout::Decoded;
 use crate::sensors::{
     Driver, MOST_SILENT, Named, Opening, Port, Prepared, Sample, Sensor, SensorError,
 };
-use link::{Came, Clock, Flow, SharedPorts};
+use link::{ByteStreamHandle, Clock, SharedPorts, StreamRead};
 use machine::record::sensor;
 
 /// Time for which the sensor is read before it counts as ready. `ENOUGH`: number of samples that is enough.
@@ -33,9 +33,9 @@ pub struct Serial {
     clock: Arc<dyn Clock>,
     /// Ports that other sensors may share.
     ports: SharedPorts,
-    flow: Option<Flow>,
+    flow: Option<ByteStreamHandle>,
     cutter: Cutter,
-    counting: Counting,
+    counting: CounterTracker,
     /// Decoded samples that have not been read yet.
     ready: VecDeque<Ready>,
     heard: Heard,
@@ -64,7 +64,7 @@ impl Serial {
     /// Creates a driver on a stream inside this process, for a simulated sensor whose time advances only
     /// when it receives a request.
     pub fn over(
-        flow: Flow,
+        flow: ByteStreamHandle,
         config: Config,
         sensor: &sensor::Sensor,
         clock: Arc<dyn Clock>,
@@ -81,7 +81,7 @@ impl Serial {
             ports: SharedPorts::default(),
             flow: None,
             cutter: Cutter::new(config.form.clone()),
-            counting: Counting::new(config.form.round()),
+            counting: CounterTracker::new(config.form.round()),
             ready: VecDeque::new(),
             heard: Heard::default(),
             simulated_hz: None,
@@ -97,7 +97,7 @@ impl Serial {
         Ok(())
     }
 
-    fn flow(&mut self) -> Result<&mut Flow, SensorError> {
+    fn flow(&mut self) -> Result<&mut ByteStreamHandle, SensorError> {
         self.flow.as_mut().ok_or(SensorError::Gone)
     }
 
@@ -153,7 +153,7 @@ impl Serial {
                 return Ok(());
             }
         }
-        Err(SensorError::Strange {
+        Err(SensorError::UnexpectedDevice {
             text: "it never falls quiet, though it was to speak when asked".to_owned(),
             remedy: "leave `request` out, or set the sensor to send on request alone".to_owned(),
         })
@@ -172,8 +172,8 @@ impl Serial {
             }
             match self.flow()?.recv_deadline(deadline).await? {
                 None => return Ok(None),
-                Some(Came::Bytes(at, bytes)) => self.cut(at, &bytes),
-                Some(Came::Forgotten) => {
+                Some(StreamRead::Bytes(at, bytes)) => self.cut(at, &bytes),
+                Some(StreamRead::Forgotten) => {
                     self.cutter.begin(true);
                     self.counting.interrupted();
                 }
@@ -189,7 +189,7 @@ impl Serial {
                     self.heard.good_bytes += bytes;
                     self.ready.push_back(Ready::Said(at, said));
                 }
-                Piece::Spoilt(bytes) => {
+                Piece::Undecodable(bytes) => {
                     self.heard.spoilt(&bytes);
                     // A counter shows the loss more precisely.
                     if self.config.form.round().is_none() {

@@ -67,7 +67,7 @@ impl Heard {
                 ),
             ),
         };
-        SensorError::Strange { text, remedy }
+        SensorError::UnexpectedDevice { text, remedy }
     }
 }
 

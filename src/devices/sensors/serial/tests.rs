@@ -68,7 +68,7 @@ fn cut(layout: &str, parts: &[&[u8]]) -> Vec<Option<Told>> {
     let pieces = parts.iter().flat_map(|part| cutter.push(part)).collect::<Vec<_>>();
     let told = |piece| match piece {
         Piece::Whole { said, .. } => Some((said.value, said.counter)),
-        Piece::Spoilt(_) => None,
+        Piece::Undecodable(_) => None,
     };
     pieces.into_iter().map(told).collect()
 }

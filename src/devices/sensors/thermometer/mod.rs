@@ -36,7 +36,7 @@ enum Reached {
 }
 
 /// Returns the present temperature of a simulated thermometer, °C.
-pub type Feel = Box<dyn Fn() -> Option<f64> + Send + Sync>;
+pub type SimulatedTemperature = Box<dyn Fn() -> Option<f64> + Send + Sync>;
 
 /// Keys of a thermometer: a new kind of connection is a table here and a line in [`Keys::reached`].
 #[derive(Deserialize)]
@@ -115,7 +115,7 @@ impl Entry {
 /// inside a tokio runtime.
 pub async fn once(
     entries: &[Entry],
-    feel: impl Fn(&str) -> Option<Feel>,
+    feel: impl Fn(&str) -> Option<SimulatedTemperature>,
 ) -> Vec<(&Entry, Result<f64, ThermometerError>)> {
     let simulated = entries.iter().filter(|entry| matches!(entry.reached, Reached::Simulated));
     let mut said: Vec<_> =
@@ -140,7 +140,7 @@ fn by_device(entries: &[Entry]) -> BTreeMap<String, Vec<(&Entry, &modbus::Config
     devices
 }
 
-fn felt(feel: Option<&Feel>) -> Result<f64, ThermometerError> {
+fn felt(feel: Option<&SimulatedTemperature>) -> Result<f64, ThermometerError> {
     sensible(feel.and_then(|feel| feel()).ok_or(ThermometerError::NothingToFeel)?)
 }
 

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use super::{Entry, Feel, ThermometerError, Watch, by_device, once};
+use super::{Entry, SimulatedTemperature, ThermometerError, Watch, by_device, once};
 
 const MODBUS: &str = r#"
 name = "spindle"
@@ -64,7 +64,7 @@ fn those_behind_one_device_share_its_link() {
     assert_eq!(counts, [2, 1]);
 }
 
-fn says(celsius: Option<f64>) -> impl Fn(&str) -> Option<Feel> {
+fn says(celsius: Option<f64>) -> impl Fn(&str) -> Option<SimulatedTemperature> {
     move |_| Some(Box::new(move || celsius))
 }
 

@@ -7,7 +7,7 @@ use tokio::sync::oneshot;
 use tokio::time::{sleep, timeout};
 
 use super::modbus::{Bus, Config};
-use super::{Entry, Feel, Reached, ThermometerError, by_device, felt};
+use super::{Entry, Reached, SimulatedTemperature, ThermometerError, by_device, felt};
 
 /// Maximum time for the first values before the first touch: longer than a port may take to be released.
 const PATIENCE: Duration = Duration::from_secs(6);
@@ -31,7 +31,7 @@ struct Watched {
 enum By {
     Polled(Arc<Mutex<Said>>, Duration),
     /// Simulated time does not advance during the read.
-    Felt(Option<Feel>),
+    Felt(Option<SimulatedTemperature>),
 }
 
 /// Values of one thermometer.
@@ -46,7 +46,7 @@ struct Said {
 impl Watch {
     /// Starts to poll `entries`; `feel` returns the source of a simulated thermometer by its name, if there
     /// is one. Call inside a tokio runtime.
-    pub fn of(entries: &[Entry], feel: impl Fn(&str) -> Option<Feel>) -> Self {
+    pub fn of(entries: &[Entry], feel: impl Fn(&str) -> Option<SimulatedTemperature>) -> Self {
         let (mut all, mut until) = (Vec::new(), Vec::new());
         for entry in entries.iter().filter(|entry| matches!(entry.reached, Reached::Simulated)) {
             all.push(Watched { name: entry.name.clone(), by: By::Felt(feel(&entry.name)) });

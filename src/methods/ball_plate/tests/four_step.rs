@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use super::g5::{ORDER, Truth, errors, kept_visits, measured, median_and_p95, scatter, setting};
 use crate::ball_plate::basis::Basis;
 use crate::ball_plate::cross_check::{CoefficientDifference, CrossCheck};
-use crate::ball_plate::equations::{Sighting, solve};
+use crate::ball_plate::equations::{BallObservation, solve};
 use crate::ball_plate::four_steps::four_steps;
 use machine::record::estimate::Unit;
 
@@ -23,7 +23,7 @@ fn both(seed: u64, missing: f64) -> [[f64; 6]; 2] {
     [four, global.x].map(|x| errors(&setting, &truth, &basis, &x))
 }
 
-fn of_sightings(sightings: &[Sighting]) -> Option<Vec<f64>> {
+fn of_sightings(sightings: &[BallObservation]) -> Option<Vec<f64>> {
     let setting = setting();
     let layout = setting.layout(Basis::Fourier { order: ORDER, sub_order: 0 });
     let deviations: Vec<Vector3<f64>> = sightings.iter().map(|s| s.deviation).collect();

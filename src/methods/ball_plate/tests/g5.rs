@@ -8,7 +8,7 @@ use rand_distr::{Distribution, Normal, Uniform};
 
 use super::Setting;
 use crate::ball_plate::basis::Basis;
-use crate::ball_plate::equations::{Sighting, solve};
+use crate::ball_plate::equations::{BallObservation, solve};
 use crate::ball_plate::layout::Layout;
 use crate::identification::multiply;
 use estimation::random::stream;
@@ -102,7 +102,7 @@ pub fn measured(
     setting: &Setting,
     truth: &Truth,
     mut noise: impl FnMut() -> Vector3<f64>,
-) -> Vec<Sighting> {
+) -> Vec<BallObservation> {
     let stops = setting.stops();
     setting.sightings(|stop, ball, place| {
         Some(truth.deviation(setting, (stops[stop].angle, ball, place)) + noise())
@@ -131,7 +131,7 @@ pub fn median_and_p95(mut values: Vec<f64>) -> [f64; 2] {
 }
 
 /// The visits without a share of them that is missing, the same for every seed.
-pub fn kept_visits(sightings: Vec<Sighting>, missing: f64) -> Vec<Sighting> {
+pub fn kept_visits(sightings: Vec<BallObservation>, missing: f64) -> Vec<BallObservation> {
     let mut random = stream(1, &[3]);
     sightings.into_iter().filter(|_| random.random::<f64>() >= missing).collect()
 }

@@ -10,7 +10,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use super::basis::Basis;
 use super::design::rigid_motion;
-use super::equations::Sighting;
+use super::equations::BallObservation;
 use super::layout::{Layout, Stop};
 use std::f64::consts::TAU;
 
@@ -50,14 +50,14 @@ impl Setting {
     fn sightings(
         &self,
         mut deviation: impl FnMut(usize, usize, usize) -> Option<Vector3<f64>>,
-    ) -> Vec<Sighting> {
+    ) -> Vec<BallObservation> {
         let mut sightings = Vec::new();
         for (i, stop) in self.stops().iter().enumerate() {
             let turned = Rotation3::from_axis_angle(&Vector3::z_axis(), stop.angle);
             for (ball, radial) in self.radial().iter().enumerate() {
                 let place = (self.steps[ball] + i) % self.positions;
                 let Some(deviation) = deviation(i, ball, place) else { continue };
-                sightings.push(Sighting {
+                sightings.push(BallObservation {
                     stop: i,
                     ball,
                     place,

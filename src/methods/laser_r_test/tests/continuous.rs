@@ -10,12 +10,12 @@ use super::played::{TABLE_5, World, commanded, run, table_5};
 use super::{ideal, settings};
 use crate::IdentifyError;
 use crate::laser_r_test::Settings;
-use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::bench::LaserSetup;
 use crate::laser_r_test::cells::cells;
 use crate::laser_r_test::identify::identify;
 use crate::laser_r_test::observe::observe;
-use crate::laser_r_test::settings::{By, Sampled};
-use crate::laser_r_test::track::Track;
+use crate::laser_r_test::settings::{MeasuringDevice, SamplingMode};
+use crate::laser_r_test::track::PositionHistory;
 use estimation::coverage::chi_square_bounds;
 use machine::Position;
 use machine::record::estimate::Estimate;
@@ -25,7 +25,7 @@ use testing::population::{population, ratio_bounds};
 
 /// A lower sampling rate than usual keeps the tests fast.
 fn flowing() -> Settings {
-    Settings { sampling: Sampled::Continuous, rate_hz: 250.0, ..settings() }
+    Settings { sampling: SamplingMode::Continuous, rate_hz: 250.0, ..settings() }
 }
 
 fn late(noise_um: f64, seed: u64) -> World {
@@ -34,7 +34,7 @@ fn late(noise_um: f64, seed: u64) -> World {
 
 fn estimated(world: &World, own: &Settings) -> Estimate {
     let (plan, _, readings) = run(ideal(0.5), own, world, 9).unwrap();
-    let bench = Bench::new(&plan, own).unwrap();
+    let bench = LaserSetup::new(&plan, own).unwrap();
     identify(&bench, &readings).unwrap()
 }
 
@@ -154,12 +154,12 @@ fn uncorrected_scans_are_visibly_wrong() {
     let world = World { latency_s: 20e-3, ..table_5(0.0, 1) };
     let own = flowing();
     let (plan, _, readings) = run(ideal(0.5), &own, &world, 9).unwrap();
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     let observed = observe(&bench, &readings).unwrap();
     let scan = observed.scans.iter().find(|scan| scan.label == "pose/B30/C60").unwrap();
     let step = plan.steps.iter().find(|step| step.label == scan.label).unwrap();
     let of_step: Vec<&Reading> = readings.iter().filter(|r| r.step == step.id).collect();
-    let track = Track::new(&of_step);
+    let track = PositionHistory::new(&of_step);
     let scatter_um = |latency_s: f64| {
         let (_, (squares, dof)) = cells(&bench, scan, &track.seen(latency_s));
         (squares / dof as f64).sqrt() * 1e3
@@ -179,7 +179,7 @@ fn identified(keep: impl Fn(&Step, f64) -> bool) -> Result<Estimate, IdentifyErr
         let step = plan.steps.iter().find(|step| step.id == reading.step).unwrap();
         keep(step, reading.t_s - begins)
     });
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     identify(&bench, &readings)
 }
 
@@ -238,7 +238,7 @@ fn what_cannot_be_sampled_on_the_way_is_refused_before_anything_moves() {
     let one = Settings { fast_feed_mm_min: 700.0, ..flowing() };
     check(one, "not told from", "three times");
     check(Settings { rate_hz: 0.0, ..flowing() }, "rate_hz", "1000");
-    check(Settings { by: By::Probe, ..flowing() }, "touch probe", "laser");
-    let dwells = Settings { sampling: Sampled::Dwell, fast_feed_mm_min: 1.0, ..flowing() };
+    check(Settings { by: MeasuringDevice::Probe, ..flowing() }, "touch probe", "laser");
+    let dwells = Settings { sampling: SamplingMode::Dwell, fast_feed_mm_min: 1.0, ..flowing() };
     dwells.check().unwrap();
 }

@@ -4,10 +4,10 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::played::{TABLE_5, World, run, table_5};
 use super::{ideal, settings};
-use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::bench::LaserSetup;
 use crate::laser_r_test::identify::{identify, parts};
 use crate::laser_r_test::known;
-use crate::laser_r_test::model::{Model, Problem, Sight, placed};
+use crate::laser_r_test::model::{Model, Observation, Problem, placed};
 use crate::laser_r_test::paper;
 use crate::laser_r_test::parameters::chosen;
 use estimation::schur::{Rows, factor};
@@ -49,7 +49,8 @@ pub fn problem(
             let tip = machine::frame::Point::from_vec(zero);
             let target = machine::frame::Point::from_vec(ball);
             let at = chain.linear_axes_for(target, tip, &rotary, &[]).unwrap();
-            sights.push(Sight { at: rotary.updated_by(&at), weight: Matrix3::identity() / u });
+            sights
+                .push(Observation { at: rotary.updated_by(&at), weight: Matrix3::identity() / u });
         }
     }
     let mut x = vec![0.0; parameters.len()];
@@ -131,7 +132,7 @@ fn regress_beam_direction_from_three_heights() {
         let world = table_5(0.025, seed);
         let (plan, _, readings) = run(plan.clone(), &settings(), &world, 2).unwrap();
         let own = settings();
-        let bench = Bench::new(&plan, &own).unwrap();
+        let bench = LaserSetup::new(&plan, &own).unwrap();
         let beam = known::known(&bench, &readings).unwrap().beam;
         square += (beam.normalize() - world.beam).norm_squared();
         assert!((beam.norm() - 1.0).abs() < 1e-4, "gain {}", beam.norm());
@@ -149,7 +150,7 @@ fn paper_table_5_comes_back_without_noise() {
     // The references measure the pose at zero two more times.
     assert_eq!(plan.steps.len(), 1 + 3 + 41 + 2);
     let own = settings();
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     let parts = parts(&bench, &readings).unwrap();
     assert_eq!(parts.grouped.groups.len(), 42 + 2);
     assert_eq!(parts.observed.excluded.values().sum::<usize>(), 0);
@@ -172,7 +173,7 @@ fn regress_noise_scatters_as_predicted() {
     let own = settings();
     for seed in 0..seeds {
         let (plan, _, readings) = run(ideal(0.5), &own, &table_5(0.5, seed), 9).unwrap();
-        let bench = Bench::new(&plan, &own).unwrap();
+        let bench = LaserSetup::new(&plan, &own).unwrap();
         let estimate = identify(&bench, &readings).unwrap();
         for (i, (value, u)) in five(&estimate).into_iter().enumerate() {
             squares[i] += (value - TABLE_5[i] * EDGE[i]).powi(2) / seeds as f64;
@@ -194,7 +195,7 @@ fn regress_noise_scatters_as_predicted() {
 fn the_papers_own_estimator_comes_near() {
     let (plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.0, 1), 9).unwrap();
     let own = settings();
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     let parts = parts(&bench, &readings).unwrap();
     let found = paper::identify(&bench, &parts.grouped, &parts.fitted.x).unwrap();
     for i in 0..5 {

@@ -6,9 +6,9 @@ use super::g2::{EDGE, FIVE};
 use super::played::{TABLE_5, World, run, table_5};
 use super::{ideal, settings};
 use crate::laser_r_test::Settings;
-use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::bench::LaserSetup;
 use crate::laser_r_test::identify::identify;
-use crate::laser_r_test::settings::By;
+use crate::laser_r_test::settings::MeasuringDevice;
 use machine::record::estimate::Estimate;
 
 fn touched(noise_um: f64, seed: u64) -> Estimate {
@@ -17,10 +17,14 @@ fn touched(noise_um: f64, seed: u64) -> Estimate {
     let mut plan = ideal(0.5);
     plan.probe.repeatability_um = Some(0.5);
     plan.probe.lobing_um = 0.0;
-    let own = Settings { by: By::Probe, tilt_deg: vec![-60.0, -30.0, 30.0, 60.0], ..settings() };
+    let own = Settings {
+        by: MeasuringDevice::Probe,
+        tilt_deg: vec![-60.0, -30.0, 30.0, 60.0],
+        ..settings()
+    };
     let (plan, done, readings) = run(plan, &own, &world, 9).unwrap();
     assert_eq!(done.len(), 6);
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     identify(&bench, &readings).unwrap()
 }
 

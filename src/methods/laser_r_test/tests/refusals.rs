@@ -2,7 +2,7 @@
 
 use super::played::{run, table_5};
 use super::{ideal, settings};
-use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::bench::LaserSetup;
 use crate::laser_r_test::identify::identify;
 use crate::laser_r_test::{LaserRTest, Settings};
 use crate::{IdentifyError, Method, Registered, Source};
@@ -86,7 +86,7 @@ fn identified(change: impl Fn(&Step, usize, &mut Reading)) -> Result<Estimate, I
         change(step, count, reading);
     }
     let own = settings();
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     identify(&bench, &readings)
 }
 
@@ -156,7 +156,7 @@ fn samples_beyond_the_incidence_limit_are_left_out_and_counted() {
     // The ends of a line have an incidence of 24.8°.
     plan.sensors[0].incidence_limit_deg = 23.0;
     let own = settings();
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     let estimate = identify(&bench, &readings).unwrap();
     five_are_right(&estimate);
     let said = |words: &str| estimate.warnings.iter().any(|line| line.contains(words));

@@ -6,7 +6,7 @@ use super::played::{World, run, table_5};
 use super::{ideal, settings};
 use crate::decision::revisit::References;
 use crate::identification::Effect;
-use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::bench::LaserSetup;
 use crate::laser_r_test::identify::{identify, parts};
 use crate::laser_r_test::sources::sources;
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Step, StepKind};
@@ -84,7 +84,7 @@ fn sizes_mm(columns: &[Vec<f64>]) -> Vector3<f64> {
 fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
     let stopped = Stopped::new();
     let own = settings();
-    let bench = Bench::new(&stopped.plan, &own).unwrap();
+    let bench = LaserSetup::new(&stopped.plan, &own).unwrap();
     let [before, again, later] =
         [&stopped.before, &stopped.again(Vector3::zeros()), &stopped.later];
     let readings = [before.as_slice(), again, later].concat();
@@ -105,7 +105,7 @@ fn a_step_is_granted_as_far_as_the_references_let_it_pass() {
 fn a_stop_without_references_after_it_is_refused() {
     let stopped = Stopped::new();
     let own = settings();
-    let bench = Bench::new(&stopped.plan, &own).unwrap();
+    let bench = LaserSetup::new(&stopped.plan, &own).unwrap();
     let error = identify(&bench, &[stopped.before, stopped.later].concat()).unwrap_err();
     println!("{error}\n  -> {}", error.remedy());
     assert!(error.to_string().contains("no readings of its references"), "{error}");

@@ -5,7 +5,7 @@ use faer::Mat;
 use super::played::{run, table_5};
 use super::{ideal, settings};
 use crate::identification::{LeastSquares, ObservationModel};
-use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::bench::LaserSetup;
 use crate::laser_r_test::identify::parts;
 use crate::laser_r_test::two_fits::{CentresThenMachine, gain};
 
@@ -15,7 +15,7 @@ use crate::laser_r_test::two_fits::{CentresThenMachine, gain};
 fn regress_the_response_has_the_sign_of_the_near_solution() {
     let (plan, _, readings) = run(ideal(0.5), &settings(), &table_5(0.5, 1), 9).unwrap();
     let own = settings();
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     let parts = parts(&bench, &readings).unwrap();
     let centres = LeastSquares { equation: &parts.grouped.centres, minimum: &parts.fitted };
     let model = CentresThenMachine {

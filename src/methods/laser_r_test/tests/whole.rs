@@ -8,7 +8,7 @@ use super::g2::{EDGE, FIVE};
 use super::played::{TABLE_5, World, run, table_5};
 use super::{ideal, plan, settings};
 use crate::laser_r_test::Settings;
-use crate::laser_r_test::bench::Bench;
+use crate::laser_r_test::bench::LaserSetup;
 use crate::laser_r_test::group::grouped;
 use crate::laser_r_test::identify::{identify, parts};
 use crate::laser_r_test::observe::observe;
@@ -84,7 +84,7 @@ fn regress_the_declared_uncertainty_covers_what_is_declared() {
         let mut start = plan();
         start.machine.axes.values_mut().for_each(|spec| spec.resolution_um = 0.0);
         let (plan, _, readings) = run(start, &own, &world, 9).unwrap();
-        let bench = Bench::new(&plan, &own).unwrap();
+        let bench = LaserSetup::new(&plan, &own).unwrap();
         let estimate = identify(&bench, &readings).unwrap();
         sum += square(&estimate);
         above +=
@@ -101,7 +101,7 @@ fn regress_the_declared_uncertainty_covers_what_is_declared() {
 fn regress_monte_carlo_agrees_with_first_order() {
     let own = Settings { monte_carlo_trials: 4000, ..settings() };
     let (plan, _, readings) = run(plan(), &own, &table_5(0.5, 3), 9).unwrap();
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     let start = std::time::Instant::now();
     let estimate = identify(&bench, &readings).unwrap();
     println!("{:?} for 4000 trials", start.elapsed());
@@ -132,7 +132,7 @@ fn regress_an_error_motion_of_b_is_noticed_and_found() {
     let found = |harmonics: &[u32]| {
         let own = Settings { harmonics: harmonics.to_vec(), ..settings() };
         let (plan, _, readings) = run(ideal(0.5), &own, &world, 9).unwrap();
-        let bench = Bench::new(&plan, &own).unwrap();
+        let bench = LaserSetup::new(&plan, &own).unwrap();
         identify(&bench, &readings).unwrap()
     };
     let without = found(&[]);
@@ -173,7 +173,7 @@ fn paper_cube_of_fig_8() {
         readings.extend(world.play(&step, 0.0, &mut t_s));
         plan.steps.push(step);
     }
-    let bench = Bench::new(&plan, &own).unwrap();
+    let bench = LaserSetup::new(&plan, &own).unwrap();
     let mut observed = observe(&bench, &readings).unwrap();
     let grouped = grouped(&bench, &mut observed).unwrap();
     let fitted = grouped.centres.solve().unwrap();

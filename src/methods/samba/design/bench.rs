@@ -3,7 +3,7 @@
 
 use nalgebra::Vector3;
 
-use super::information::{Bar, Information, Sight};
+use super::information::{Bar, CandidateMeasurement, Information};
 use crate::Refused;
 use crate::ball_measurement::{MeasurementSetup, balls, describe_position, tilts_spindle};
 use crate::samba::model::{Model, length_u_mm};
@@ -25,7 +25,7 @@ const GAIN: f64 = 2.5e-6;
 /// Standard uncertainty of a coordinate of a ball centre if none is declared, mm.
 const USUAL_U: f64 = 1e-3;
 
-pub struct Bench<'a> {
+pub struct DesignSetup<'a> {
     pub plan: &'a Plan,
     pub settings: &'a Settings,
     pub balls: &'a Balls,
@@ -35,7 +35,7 @@ pub struct Bench<'a> {
     pub oriented: bool,
 }
 
-impl<'a> Bench<'a> {
+impl<'a> DesignSetup<'a> {
     /// # Errors
     /// Settings, artefact or machine do not allow a measurement; the text states the reason.
     pub fn new(plan: &'a Plan, settings: &'a Settings) -> Result<Self, Refused> {
@@ -74,7 +74,7 @@ impl<'a> Bench<'a> {
         &self,
         (indexation, at): (usize, &Position),
         (ball, of): (usize, &Ball),
-    ) -> Result<Sight, Refused> {
+    ) -> Result<CandidateMeasurement, Refused> {
         let zero = vec![0.0; self.model.parameters().len()];
         let centre = Vector3::from(of.centre_mm);
         let rows = self.model.rows(&self.on_ball(at, of)?, &zero, self.tip.mm, centre);
@@ -84,7 +84,7 @@ impl<'a> Bench<'a> {
             .zip(self.units())
             .map(|(column, unit)| *column * unit / self.u_mm());
         let tool = self.model.stylus().iter().map(|k| rows.tool.column(*k) * OFFSET / self.u_mm());
-        Ok(Sight { indexation, ball, columns: machine.chain(tool).collect() })
+        Ok(CandidateMeasurement { indexation, ball, columns: machine.chain(tool).collect() })
     }
 
     /// Information from the certified lengths alone.

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use super::information::{Information, Sight};
+use super::information::{CandidateMeasurement, Information};
 use crate::Refused;
 use crate::samba::settings::Criterion;
 
@@ -31,7 +31,7 @@ pub struct Chosen {
 
 /// State of the greedy choice.
 struct Choice<'a> {
-    sights: &'a [Sight],
+    sights: &'a [CandidateMeasurement],
     budget: Budget,
     criterion: Criterion,
     information: Information,
@@ -49,7 +49,7 @@ struct Choice<'a> {
 /// # Errors
 /// The budget does not suffice for [`LEAST_VISITS`] of each ball.
 pub fn choose(
-    sights: &[Sight],
+    sights: &[CandidateMeasurement],
     balls: usize,
     nothing: Information,
     budget: Budget,
@@ -78,7 +78,7 @@ pub fn choose(
 impl Choice<'_> {
     /// Adds all balls of the indexation with the most balls not measured yet.
     fn show_more(&mut self) -> bool {
-        let new = |sight: &&Sight| self.visits.get(sight.ball) == Some(&0);
+        let new = |sight: &&CandidateMeasurement| self.visits.get(sight.ball) == Some(&0);
         let indexations = self.sights.iter().map(|sight| sight.indexation);
         let count =
             |at: usize| self.sights.iter().filter(|s| s.indexation == at).filter(new).count();
@@ -86,7 +86,7 @@ impl Choice<'_> {
         // The first of equal indexations.
         let best = candidates.into_iter().rev().max_by_key(|at| count(*at));
         let Some(best) = best.filter(|at| count(*at) > 0) else { return false };
-        let there = |(_, sight): &(usize, &Sight)| {
+        let there = |(_, sight): &(usize, &CandidateMeasurement)| {
             sight.indexation == best && (new(sight) || self.taken.is_empty())
         };
         let found: Vec<usize> =
@@ -99,7 +99,7 @@ impl Choice<'_> {
     /// Adds the sight with the most information per time within the budget; with `wanting` only of balls that
     /// need more visits.
     fn take_best(&mut self, wanting: bool) -> bool {
-        let wants = |sight: &Sight| {
+        let wants = |sight: &CandidateMeasurement| {
             !wanting || self.visits.get(sight.ball).is_some_and(|visits| *visits < LEAST_VISITS)
         };
         let mut best: Option<(f64, usize)> = None;
@@ -126,7 +126,7 @@ impl Choice<'_> {
     }
 
     /// Time in units of a ball measurement.
-    fn time_for(&self, sight: &Sight) -> f64 {
+    fn time_for(&self, sight: &CandidateMeasurement) -> f64 {
         if self.opened.contains(&sight.indexation) { 1.0 } else { 1.0 + OPENING }
     }
 

@@ -12,7 +12,7 @@ const UNKNOWN: f64 = 1e6;
 /// A measurement of one ball at one indexation: ∂(tip on the table)/∂(machine errors, then tool), each column
 /// in the unit of its unknown, divided by the standard uncertainty of a centre.
 #[derive(Debug, Clone)]
-pub struct Sight {
+pub struct CandidateMeasurement {
     pub indexation: usize,
     pub ball: usize,
     pub columns: Vec<Vector3<f64>>,
@@ -127,7 +127,7 @@ impl Information {
 
     /// The rows of the measurement for the unknowns. For an eliminated ball, the information about the ball
     /// itself is removed: n/(n+1) of the difference from the mean of the n earlier measurements remains.
-    fn columns(&self, sight: &Sight) -> Vec<Vector3<f64>> {
+    fn columns(&self, sight: &CandidateMeasurement) -> Vec<Vector3<f64>> {
         let slot = self.slots.get(sight.ball).copied().flatten();
         let mut columns = match (slot, self.seen.get(sight.ball)) {
             (None, Some((count, mean))) => {
@@ -146,7 +146,7 @@ impl Information {
 
     /// Information gain of the measurement. D: increase of the logarithm of det(information); A: decrease of
     /// the sum of variances.
-    pub fn gain(&self, sight: &Sight, criterion: Criterion) -> f64 {
+    pub fn gain(&self, sight: &CandidateMeasurement, criterion: Criterion) -> f64 {
         let columns = self.columns(sight);
         let full = self.full.effect(&columns);
         match criterion {
@@ -166,7 +166,7 @@ impl Information {
     }
 
     /// Adds the measurement.
-    pub fn add(&mut self, sight: &Sight) {
+    pub fn add(&mut self, sight: &CandidateMeasurement) {
         let columns = self.columns(sight);
         self.join(&columns);
         if let Some((count, mean)) = self.seen.get_mut(sight.ball) {

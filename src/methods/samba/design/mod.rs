@@ -13,9 +13,9 @@ pub mod tests;
 
 use std::collections::BTreeMap;
 
-pub use self::bench::Bench;
+pub use self::bench::DesignSetup;
 use self::choose::{Budget, LEAST_VISITS, choose};
-use self::information::Sight;
+use self::information::CandidateMeasurement;
 use super::settings::Design as Kind;
 use crate::Refused;
 use crate::ball_measurement::{Visit, balls_in_order, describe_position, in_order, indexations};
@@ -30,7 +30,7 @@ const CENTRAL_MM: f64 = 0.1;
 /// All measurements that are possible: rotary positions, and the balls accessible at each.
 pub struct Candidates {
     pub at: Vec<Position>,
-    pub sights: Vec<Sight>,
+    pub sights: Vec<CandidateMeasurement>,
 }
 
 /// The visits in measuring order, with rank and condition checked. `time_s` gives the machine time of visits,
@@ -40,7 +40,7 @@ pub struct Candidates {
 /// The errors of [`Candidates::new`]; the budget does not suffice; the machine or artefact does not allow the
 /// paper's design; the design does not separate the errors of the machine. The text states the reason.
 pub fn design(
-    bench: &Bench<'_>,
+    bench: &DesignSetup<'_>,
     time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
 ) -> Result<Vec<Visit>, Refused> {
     let access = bench.measurement().access(&bench.plan.artefact)?;
@@ -58,7 +58,7 @@ pub fn design(
 
 /// The greedy choice, as far as the time limit in minutes allows.
 fn optimal(
-    bench: &Bench<'_>,
+    bench: &DesignSetup<'_>,
     (candidates, access): (&Candidates, &Access),
     time_s: impl Fn(&[Visit]) -> Result<f64, Refused>,
 ) -> Result<Vec<Visit>, Refused> {
@@ -100,7 +100,7 @@ fn optimal(
 impl Candidates {
     /// # Errors
     /// An indexation is outside the limits; a ball is accessible at fewer than three indexations.
-    pub fn new(bench: &Bench<'_>, access: &Access) -> Result<Self, Refused> {
+    pub fn new(bench: &DesignSetup<'_>, access: &Access) -> Result<Self, Refused> {
         let paper;
         let settings = match bench.settings.design {
             Kind::Optimal => bench.settings,
@@ -148,7 +148,7 @@ impl Candidates {
 /// Whether a ball can be measured at each indexation, or the reason why not. The check uses the search at the
 /// stated position, enlarged by its uncertainty; the ball can then be measured wherever it is found.
 fn free(
-    bench: &Bench<'_>,
+    bench: &DesignSetup<'_>,
     access: &Access,
     at: &[Position],
     ball: &Ball,

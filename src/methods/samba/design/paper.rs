@@ -8,7 +8,7 @@
 //! triple occurs twice. Of the accessible balls 109 are kept: repeatedly, from the triple with the most
 //! balls, the ball that is measured most often is removed.
 
-use super::{Bench, Candidates};
+use super::{Candidates, DesignSetup};
 use crate::Refused;
 use crate::ball_measurement::{Visit, is_parallel, is_rotary, is_same};
 use crate::samba::settings::Settings;
@@ -54,7 +54,7 @@ pub fn settings(settings: &Settings) -> Settings {
 /// # Errors
 /// The machine lacks one tilting axis, one axis parallel to the spindle, or an oriented spindle; fewer than
 /// 109 balls are accessible at these triples.
-pub fn visits(bench: &Bench<'_>, candidates: &Candidates) -> Result<Vec<Visit>, Refused> {
+pub fn visits(bench: &DesignSetup<'_>, candidates: &Candidates) -> Result<Vec<Visit>, Refused> {
     let machine = &bench.plan.machine;
     let rotary: Vec<Axis> = machine.axes.keys().copied().filter(|a| is_rotary(*a)).collect();
     let of = |parallel: bool| rotary.iter().find(|axis| is_parallel(**axis, machine) == parallel);

@@ -3,7 +3,7 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::bench::Bench;
+use super::bench::DesignSetup;
 use crate::Refused;
 use crate::ball_measurement::Visit;
 use crate::samba::model::length_u_mm;
@@ -15,7 +15,10 @@ use estimation::null_names::name_null_space;
 const WORST_CONDITION: f64 = 1e4;
 
 /// All rows of the design, weighted, for machine errors, tool and balls; and the names of these unknowns.
-pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<String>), Refused> {
+pub fn matrix(
+    bench: &DesignSetup<'_>,
+    visits: &[Visit],
+) -> Result<(Mat<f64>, Vec<String>), Refused> {
     let parameters = bench.model.parameters();
     let shared = bench.shared();
     let balls = &bench.balls.balls;
@@ -59,7 +62,7 @@ pub fn matrix(bench: &Bench<'_>, visits: &[Visit]) -> Result<(Mat<f64>, Vec<Stri
 
 /// # Errors
 /// The design leaves a combination undetermined; the text names it.
-pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
+pub fn check(bench: &DesignSetup<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
     let (matrix, names) = matrix(bench, visits)?;
     let found = survey(matrix.as_ref(), None, RANK_THRESHOLD).map_err(|error| Refused {
         why: format!("the design cannot be judged: {error}"),
@@ -85,7 +88,7 @@ pub fn check(bench: &Bench<'_>, visits: &[Visit]) -> Result<Survey, Refused> {
 }
 
 /// Error for a design that leaves combinations undetermined, with a remedy.
-fn open(bench: &Bench<'_>, sees: String, lost: &[String]) -> Refused {
+fn open(bench: &DesignSetup<'_>, sees: String, lost: &[String]) -> Refused {
     let gains =
         |line: &&String| ["EXX1", "EYY1", "EZZ1"].iter().filter(|g| line.contains(**g)).count();
     let no_scale = bench.balls.lengths.is_empty() && lost.iter().any(|line| gains(&line) > 1);

@@ -3,7 +3,7 @@
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
-use super::{Bench, Candidates, design, survey};
+use super::{Candidates, DesignSetup, design, survey};
 use crate::ball_measurement::{Visit, describe_position, machine_time_s};
 use crate::samba::settings::{Criterion, Design as Kind, Settings};
 use crate::samba::tests::{built_in, machine};
@@ -68,7 +68,7 @@ fn check_g4(kind: (Kind, Criterion)) {
     let (mut plan, settings) = (built_in::plan(), built_in::settings(kind));
     // The noise of the gate; the design is that of the declared probe.
     plan.probe.repeatability_um = Some(1.0);
-    let bench = Bench::new(&plan, &settings).unwrap();
+    let bench = DesignSetup::new(&plan, &settings).unwrap();
     let visits = built_in::visits(kind);
     let measured: usize = visits.iter().map(|visit| visit.balls.len()).sum();
     assert_eq!((visits.len(), measured), (32, 109));
@@ -115,7 +115,7 @@ fn gate_g4_the_built_in_designs() {
 fn the_budget_in_minutes_is_kept() {
     let settings = Settings { minutes: 25.0, ..Settings::default() };
     let plan = plan(&settings);
-    let bench = Bench::new(&plan, &settings).unwrap();
+    let bench = DesignSetup::new(&plan, &settings).unwrap();
     let time_s = |visits: &[Visit]| machine_time_s(&bench.measurement(), visits);
     let visits = design(&bench, time_s).unwrap();
     let minutes = time_s(&visits).unwrap() / 60.0;
@@ -130,7 +130,7 @@ fn the_budget_in_minutes_is_kept() {
 fn a_choice_by_chance_tells_less() {
     let settings = Settings::default();
     let plan = plan(&settings);
-    let bench = Bench::new(&plan, &settings).unwrap();
+    let bench = DesignSetup::new(&plan, &settings).unwrap();
     let access = bench.measurement().access(&plan.artefact).unwrap();
     let candidates = Candidates::new(&bench, &access).unwrap();
     // log det of the covariance of the machine's parameters.
@@ -163,7 +163,7 @@ fn a_machine_of_four_axes_has_a_design() {
     for (topology, unknowns) in [("wCFXYZt", 7 + 2 + 18), ("wCFXYZSt", 9 + 2 + 18)] {
         let settings = Settings::default();
         let plan = Plan { machine: machine(topology), ..plan(&settings) };
-        let bench = Bench::new(&plan, &settings).unwrap();
+        let bench = DesignSetup::new(&plan, &settings).unwrap();
         let visits = design(&bench, |_| Ok(0.0)).unwrap();
         let found = survey::check(&bench, &visits).unwrap();
         println!("{topology}: {} indexations, condition {:.1}", visits.len(), found.condition);

@@ -8,7 +8,7 @@ use serde::Deserialize;
 use super::htm::Triple;
 use crate::ball_measurement::Visit;
 use crate::samba::Settings;
-use crate::samba::design::{Bench, design};
+use crate::samba::design::{DesignSetup, design};
 use crate::samba::settings::{Criterion, Design};
 use machine::Axis;
 use machine::record::plan::{PLAN_VERSION, Plan};
@@ -58,7 +58,7 @@ pub fn visits(kind: (Design, Criterion)) -> &'static [Visit] {
     let index = ALL.iter().position(|known| *known == kind).unwrap();
     MADE[index].get_or_init(|| {
         let (plan, settings) = (plan(), settings(kind));
-        let bench = Bench::new(&plan, &settings).unwrap();
+        let bench = DesignSetup::new(&plan, &settings).unwrap();
         design(&bench, |_| Ok(0.0)).unwrap()
     })
 }
@@ -67,7 +67,7 @@ pub fn visits(kind: (Design, Criterion)) -> &'static [Visit] {
 pub fn turned_by(turn_deg: &[f64]) -> Vec<(Triple, usize)> {
     let settings = Settings { turn_deg: turn_deg.to_vec(), ..settings(OPTIMAL) };
     let plan = plan();
-    let bench = Bench::new(&plan, &settings).unwrap();
+    let bench = DesignSetup::new(&plan, &settings).unwrap();
     of_visits(&design(&bench, |_| Ok(0.0)).unwrap())
 }
 

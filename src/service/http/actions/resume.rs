@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 use super::words::{Words, kept};
 use super::{not_vouched, said, settled};
 use crate::archive::story::goes_on;
-use crate::run::{Again, AgainError, Question, can_resume};
+use crate::run::{AgainError, Question, ResumableRun, can_resume};
 use crate::service::http::Web;
 use crate::service::http::access::Caller;
 use crate::service::http::journal::read_journal;
@@ -52,7 +52,7 @@ pub async fn resume(
         return Err(Problem::not_found(format!("run {run} of {name}")));
     }
     let can_resume = can_resume(&stored.plan, &stored.readings);
-    let again = Again::of(stored)?;
+    let again = ResumableRun::of(stored)?;
     if !(free && whole) {
         return Err(not_vouched(&format!("that it can go on ({})", again.question().ask)));
     }

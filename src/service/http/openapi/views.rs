@@ -71,7 +71,7 @@ pub struct ParameterView {
 
 /// Judgement of a parameter by its limit.
 #[derive(ToSchema)]
-#[schema(as = Judgement)]
+#[schema(as = LimitVerdict)]
 pub struct JudgementView {
     /// Limit of |value|, in the parameter's unit.
     limit: f64,
@@ -242,7 +242,7 @@ mod tests {
     use crate::archive::compare::Comparison;
     use crate::store::{Audit, Audited, RunId, RunState, RunSummary};
     use machine::record::estimate::{
-        BudgetLine, Distribution, EvaluationType, Judgement, Parameter, Unit, Verdict,
+        BudgetLine, Distribution, EvaluationType, LimitVerdict, Parameter, Unit, Verdict,
     };
     use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
     use methods::decision::difference::Difference;
@@ -344,7 +344,11 @@ mod tests {
                 sensitivity: Some(0.2),
                 assumed: true,
             }],
-            judged: Some(Judgement { limit: 5.0, verdict: Verdict::Pass, conformance: Some(1.0) }),
+            judged: Some(LimitVerdict {
+                limit: 5.0,
+                verdict: Verdict::Pass,
+                conformance: Some(1.0),
+            }),
         };
         same::<JudgementView>(parameter.judged);
         same::<BudgetView>(&parameter.budget[0]);

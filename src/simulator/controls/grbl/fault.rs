@@ -5,7 +5,7 @@ use std::sync::PoisonError;
 use serde::Deserialize;
 
 use super::{Firmware, HARD_LIMIT, Lock, SOFT_LIMIT};
-use crate::interpreter::Sham;
+use crate::interpreter::ProbeInputFault;
 
 const E_STOP: u8 = 10;
 const UNKNOWN_ALARM: u8 = 3;
@@ -155,10 +155,10 @@ impl Firmware {
             FaultKind::LostOk => self.answer = Answer::Never,
             FaultKind::DoubleOk => self.answer = Answer::Twice,
             FaultKind::Garbage => self.out.extend_from_slice(b"\xf8\x80\x1f\x00x\r\n"),
-            FaultKind::ProbeStuck => self.sham = Sham::Closed,
-            FaultKind::ProbeDead => self.sham = Sham::Open,
-            FaultKind::ForeignBody => self.sham = Sham::Early,
-            FaultKind::RapidContact => self.sham = Sham::Brush,
+            FaultKind::ProbeStuck => self.sham = ProbeInputFault::Closed,
+            FaultKind::ProbeDead => self.sham = ProbeInputFault::Open,
+            FaultKind::ForeignBody => self.sham = ProbeInputFault::Early,
+            FaultKind::RapidContact => self.sham = ProbeInputFault::Brush,
             _ => {}
         }
     }

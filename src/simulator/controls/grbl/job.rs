@@ -2,7 +2,7 @@
 
 use super::{FaultKind, Firmware, HARD_LIMIT, Lock, NO_CONTACT, PROBE_CLOSED};
 use crate::Contact;
-use crate::interpreter::{Active, Done, Job, Sham};
+use crate::interpreter::{Active, Done, Job, ProbeInputFault};
 use machine::Position;
 
 /// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
@@ -25,8 +25,8 @@ impl Firmware {
             self.alarm = Some(Lock::Light);
             return self.say_ok();
         }
-        if self.sham == Sham::Brush && job.is_free_move() {
-            self.sham = Sham::Brushed(BRUSHED_REPORTS);
+        if self.sham == ProbeInputFault::Brush && job.is_free_move() {
+            self.sham = ProbeInputFault::Brushed(BRUSHED_REPORTS);
             self.happens(FaultKind::RapidContact);
         }
         let (sham, pace, now) = (self.sham, self.options.pace, self.now);
@@ -62,8 +62,8 @@ impl Firmware {
         }
         let hit = contact.is_some();
         self.touches += u64::from(hit);
-        if self.sham == Sham::Early {
-            self.sham = Sham::No;
+        if self.sham == ProbeInputFault::Early {
+            self.sham = ProbeInputFault::No;
             self.happens(FaultKind::ForeignBody);
         }
         let t_s = contact.as_ref().map(|contact| contact.t_s);

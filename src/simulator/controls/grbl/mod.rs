@@ -24,7 +24,9 @@ pub use fault::{Fault, FaultKind};
 use job::Last;
 
 use crate::World;
-use crate::interpreter::{Act, Active, Code, Interpreter, Job, Pace, Sham, is_blank};
+use crate::interpreter::{
+    Active, Code, Interpreter, Job, LineAction, Pace, ProbeInputFault, is_blank,
+};
 use machine::Position;
 use machine::record::machine::Machine;
 
@@ -116,7 +118,7 @@ pub struct Firmware {
     /// Number of lines received so far.
     lines: u64,
     touches: u64,
-    sham: Sham,
+    sham: ProbeInputFault,
     happened: Arc<Mutex<Vec<FaultKind>>>,
     answer: Answer,
     hung: bool,
@@ -146,7 +148,7 @@ impl Firmware {
             last: None,
             lines: 0,
             touches: 0,
-            sham: Sham::default(),
+            sham: ProbeInputFault::default(),
             happened: Arc::default(),
             answer: Answer::default(),
             hung: false,
@@ -254,9 +256,9 @@ impl Firmware {
             return Err(LOCKED);
         }
         let job = match self.options.reader.line(line, &self.planned)? {
-            Act::Nothing => return Ok(false),
-            Act::OutOfTravel => return Ok(self.soft_limit()),
-            Act::Do(job) => job,
+            LineAction::Nothing => return Ok(false),
+            LineAction::OutOfTravel => return Ok(self.soft_limit()),
+            LineAction::Do(job) => job,
         };
         let waits = job.is_waited_for();
         if let Some(to) = job.target() {

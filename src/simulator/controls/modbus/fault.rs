@@ -8,7 +8,7 @@ use tokio_modbus::{ExceptionCode, Request, Response};
 use super::layout::{HOLD, SEQUENCE};
 use super::{Entry, Firmware, Mode};
 use crate::Latch;
-use crate::interpreter::Sham;
+use crate::interpreter::ProbeInputFault;
 
 const E_STOP: u16 = 10;
 const UNKNOWN_ALARM: u16 = 99;
@@ -256,10 +256,10 @@ impl Firmware {
                 self.stop_here();
                 self.mode = Mode::Held(0);
             }
-            FaultKind::ProbeStuck => self.sham = Sham::Closed,
-            FaultKind::ProbeDead => self.sham = Sham::Open,
-            FaultKind::ForeignBody => self.sham = Sham::Early,
-            FaultKind::RapidContact => self.sham = Sham::Brush,
+            FaultKind::ProbeStuck => self.sham = ProbeInputFault::Closed,
+            FaultKind::ProbeDead => self.sham = ProbeInputFault::Open,
+            FaultKind::ForeignBody => self.sham = ProbeInputFault::Early,
+            FaultKind::RapidContact => self.sham = ProbeInputFault::Brush,
             FaultKind::SlowLatch => {
                 let scan_ms = fault.scan_s.unwrap_or(USUAL_SCAN_S) * 1e3;
                 self.with_world(|world| world.latch_by(Latch { scan_ms, ..Latch::default() }));

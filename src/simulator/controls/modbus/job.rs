@@ -9,7 +9,7 @@ use super::{
     PROBE_CLOSED, SOFT_LIMIT,
 };
 use crate::Contact;
-use crate::interpreter::{Act, Active, Done, Job, Sham};
+use crate::interpreter::{Active, Done, Job, LineAction, ProbeInputFault};
 
 /// Reports that show a brushed stylus: two, because one may get lost on a bad wire.
 const BRUSHED_REPORTS: u8 = 2;
@@ -47,9 +47,9 @@ impl Firmware {
     fn line(&mut self, line: &str) {
         let here = self.stand();
         match self.options.reader.line(line, &here) {
-            Ok(Act::Nothing) => {}
-            Ok(Act::OutOfTravel) => self.alarm(SOFT_LIMIT),
-            Ok(Act::Do(job)) => self.start(job),
+            Ok(LineAction::Nothing) => {}
+            Ok(LineAction::OutOfTravel) => self.alarm(SOFT_LIMIT),
+            Ok(LineAction::Do(job)) => self.start(job),
             Err(_) => {
                 self.error = BAD_TEXT;
                 self.lines.clear();
@@ -61,8 +61,8 @@ impl Firmware {
         if matches!(job, Job::Probe { .. }) && self.tripped() {
             return self.alarm(PROBE_CLOSED);
         }
-        if self.sham == Sham::Brush && job.is_free_move() {
-            self.sham = Sham::Brushed(BRUSHED_REPORTS);
+        if self.sham == ProbeInputFault::Brush && job.is_free_move() {
+            self.sham = ProbeInputFault::Brushed(BRUSHED_REPORTS);
             self.note(Entry::Wrong(FaultKind::RapidContact));
         }
         let (sham, pace, now) = (self.sham, self.options.pace, self.now);
@@ -87,8 +87,8 @@ impl Firmware {
                 if let Some(contact) = contact {
                     self.latch(contact);
                 }
-                if self.sham == Sham::Early {
-                    self.sham = Sham::No;
+                if self.sham == ProbeInputFault::Early {
+                    self.sham = ProbeInputFault::No;
                     self.note(Entry::Wrong(FaultKind::ForeignBody));
                 }
                 self.row_done(Some(met));

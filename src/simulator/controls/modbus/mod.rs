@@ -24,7 +24,7 @@ pub use serve::{serve_rtu, serve_tcp};
 use resident::Resident;
 
 use crate::World;
-use crate::interpreter::{Active, Interpreter, Pace, Sham};
+use crate::interpreter::{Active, Interpreter, Pace, ProbeInputFault};
 use machine::Position;
 use machine::record::machine::Machine;
 
@@ -109,7 +109,7 @@ pub struct Firmware {
     latch_time_s: f64,
     /// Number of status blocks written so far.
     blocks: u16,
-    sham: Sham,
+    sham: ProbeInputFault,
     /// Time at which the client's heartbeat last changed.
     beat: Option<Duration>,
     requests: u64,
@@ -153,7 +153,7 @@ impl Firmware {
             latch: Position::new(),
             latch_time_s: 0.0,
             blocks: 0,
-            sham: Sham::default(),
+            sham: ProbeInputFault::default(),
             beat: None,
             requests: 0,
             taken: 0,

@@ -61,7 +61,7 @@ async fn an_answer_too_many_is_never_taken_for_the_next_line_s() {
 async fn a_touch_that_is_told_in_two_ways_is_no_reading() {
     let other = "[PRB:-18.384,18.385,-150.000,0.000,135.000:1]\r\nok\r\n";
     let (error, sent) = sent(move |line| (line == "$#").then(|| other.to_owned())).await;
-    assert!(matches!(error, ControllerError::Doubtful { step: 3, .. }), "{error}");
+    assert!(matches!(error, ControllerError::ContradictoryTouch { step: 3, .. }), "{error}");
     assert!(sent.ends_with("$#\n"), "{sent}");
     let (error, _) = sent_prb("[PRB:-18.385,18.385,-150.000,0.000,135.000:1]\r\n").await;
     assert!(matches!(error, ControllerError::Garbled { .. }), "told twice at once: {error}");
@@ -79,7 +79,7 @@ async fn a_touch_off_the_way_is_no_reading() {
     let lie = move |line: &str| (line == "$#" || line.contains("F30.")).then(|| format!(">{told}"));
     let (error, _) = sent(lie).await;
     assert!(
-        matches!(&error, ControllerError::Astray { stands, .. } if stands == "Z-149.000"),
+        matches!(&error, ControllerError::WrongPosition { stands, .. } if stands == "Z-149.000"),
         "{error}"
     );
 }
@@ -91,7 +91,7 @@ async fn a_machine_that_went_elsewhere_goes_nowhere_else() {
         let said =
             if nth == 3 { "[PRB:0.000,0.000,0.000,0.000,0.000:0]\r\nok\r\n" } else { "ok\r\n" };
         let (error, sent) = sent(at_line(nth, said)).await;
-        assert!(matches!(error, ControllerError::Astray { .. }), "{error}");
+        assert!(matches!(error, ControllerError::WrongPosition { .. }), "{error}");
         assert!(error.to_string().contains("stands at"), "{error}");
         assert_eq!(sent.lines().count(), nth, "{sent}");
     }

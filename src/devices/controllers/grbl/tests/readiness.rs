@@ -173,7 +173,7 @@ async fn regress_what_hinders_is_refused_before_the_head_is_sent() {
 }
 
 /// Reported properties of a control with axes of 400 mm travel and these settings.
-async fn described(settings: &[(u16, f64)]) -> crate::controllers::Introduction {
+async fn described(settings: &[(u16, f64)]) -> crate::controllers::DeviceInfo {
     let all = [(10, 511.0), (13, 0.0), (20, 1.0), (27, 2.0), (133, 0.0), (134, 0.0)];
     let travels = [(130, 400.0), (131, 400.0), (132, 400.0)];
     let settings = all.iter().chain(&travels).chain(settings).copied().collect();

@@ -18,7 +18,7 @@ use self::record::{Record, Stands};
 use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use link::Clock;
-use link::{Address, Came, Flow, HostPort};
+use link::{Address, ByteStreamHandle, HostPort, StreamRead};
 use machine::record::track::Track;
 use machine::{Axis, Position};
 
@@ -249,18 +249,22 @@ fn elsewhere() -> String {
 }
 
 /// Task: reads the stream until the handle is dropped or the stream ends.
-async fn listen(mut flow: Flow, record: std::sync::Weak<Mutex<Heard>>, clock: Arc<dyn Clock>) {
+async fn listen(
+    mut flow: ByteStreamHandle,
+    record: std::sync::Weak<Mutex<Heard>>,
+    clock: Arc<dyn Clock>,
+) {
     loop {
         let came = flow.recv_deadline(Instant::now() + WANTED).await;
         let Some(record) = record.upgrade() else { return };
         let mut heard = record.lock().unwrap_or_else(PoisonError::into_inner);
         match came {
             Ok(None) => {}
-            Ok(Some(Came::Bytes(at, bytes))) => {
+            Ok(Some(StreamRead::Bytes(at, bytes))) => {
                 let at_s = clock.now_s() - at.elapsed().as_secs_f64();
                 heard.record.came(&bytes, at_s);
             }
-            Ok(Some(Came::Forgotten)) => heard.record.missed(),
+            Ok(Some(StreamRead::Forgotten)) => heard.record.missed(),
             Err(error) => {
                 heard.lost = Some(error.to_string());
                 return;

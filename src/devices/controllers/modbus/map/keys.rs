@@ -82,13 +82,13 @@ struct ResultKeys {
 }
 
 /// Default addresses of a window.
-struct Usual {
+struct DefaultAddresses {
     chunk: u16,
     tail: u16,
 }
 
-const OF_LINES: Usual = Usual { chunk: 100, tail: 44 };
-const OF_PROGRAM: Usual = Usual { chunk: 328, tail: 49 };
+const OF_LINES: DefaultAddresses = DefaultAddresses { chunk: 100, tail: 44 };
+const OF_PROGRAM: DefaultAddresses = DefaultAddresses { chunk: 328, tail: 49 };
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const LATCH: u16 = 20;
@@ -165,7 +165,7 @@ impl Keys {
 }
 
 impl CommandKeys {
-    fn at(self, usual: &Usual) -> Command {
+    fn at(self, usual: &DefaultAddresses) -> Command {
         Command {
             hold: self.hold.at(0, Kind::U16),
             sequence: self.sequence.at(1, Kind::U16),
@@ -195,7 +195,7 @@ impl ResultKeys {
 }
 
 impl StatusKeys {
-    fn at(self, usual: &Usual) -> Result<Status, String> {
+    fn at(self, usual: &DefaultAddresses) -> Result<Status, String> {
         Ok(Status {
             space: self.space.unwrap_or(Space::Input),
             sequence_head: self.sequence_head.at(0, Kind::U16),

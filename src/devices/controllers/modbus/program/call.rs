@@ -32,7 +32,7 @@ enum Seen {
     /// A result of another call, or an older status.
     Old,
     /// A result that was read already: the control has not received the acknowledgement yet.
-    Again,
+    ResumableRun,
     New,
 }
 
@@ -125,7 +125,7 @@ impl ModbusControl {
             }
             match seen(&self.window, &status, &shown, pending.sequence)? {
                 Seen::Old => {}
-                Seen::Again => self.window.acknowledge(status.latches).await?,
+                Seen::ResumableRun => self.window.acknowledge(status.latches).await?,
                 Seen::New => {
                     found.push(taken(&status, &shown));
                     self.window.taken = Some(status.latches);
@@ -191,7 +191,7 @@ fn seen(
 ) -> Result<Seen, ControllerError> {
     let taken = window.taken.unwrap_or_default();
     if status.latches == taken {
-        return Ok(Seen::Again);
+        return Ok(Seen::ResumableRun);
     }
     if status.accepted != sequence || shown.sequence != sequence {
         return Ok(Seen::Old);

@@ -235,7 +235,7 @@ async fn a_contact_off_its_way_and_a_machine_that_ends_elsewhere_are_no_result()
         let (mut driver, diary) = prepared(&keys, Vec::new()).await;
         let motions = beside().into_iter().chain(touch()).collect();
         let error = driver.execute(proven(&block(motions))).await.unwrap_err();
-        assert!(matches!(error, ControllerError::Astray { .. }), "{item}: {error}");
+        assert!(matches!(error, ControllerError::WrongPosition { .. }), "{item}: {error}");
         assert!(matches!(diary.lock().unwrap()[..], [.., Entry::Contact { .. }]));
     }
 }
