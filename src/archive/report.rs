@@ -2,7 +2,7 @@
 
 use super::story::{signed, story};
 use super::volume::volume;
-use crate::report::{page, warmth};
+use crate::report::{page, temperature};
 use crate::store::{Journal, RunId, StoreError};
 use machine::record::event::Event;
 use machine::record::proof::Proof;
@@ -45,7 +45,7 @@ pub fn report(journal: &Journal, run: RunId) -> Result<String, ReportError> {
             ("estimate".to_owned(), last.sha256.clone()),
         ],
         readings: stored.readings.len(),
-        warmth: warmth::rows(&stored.readings),
+        warmth: temperature::rows(&stored.readings),
         state: stored.summary.state.as_str().to_owned(),
         story: story(&stored),
         signed: Some(signed(&stored)),

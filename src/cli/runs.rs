@@ -7,7 +7,7 @@ use super::files::{read_estimate, state_folder};
 use super::result_args::{ExportArgs, Frame, RunsArgs, ShowArgs};
 use super::{Exit, show, with_state};
 use crate::archive::story::{self, how_it_ended, story};
-use crate::report::{readings_csv, warmth};
+use crate::report::{readings_csv, temperature};
 use crate::run::can_resume;
 use crate::store::{Journal, MachineLock, RunId, RunState, RunSummary, StoredRun};
 use machine::record::estimate::Estimate;
@@ -87,7 +87,7 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
     match last {
         Some(estimate) => {
             show::print_estimate(estimate);
-            for (name, said) in warmth::rows(&stored.readings) {
+            for (name, said) in temperature::rows(&stored.readings) {
                 say!("thermometer {name}: {said}");
             }
         }

@@ -3,7 +3,7 @@
 use std::time::Instant;
 
 use super::jog::{self, JogError};
-use super::words::{amount, look_for, told, unit};
+use super::question_text::{amount, look_for, told, unit};
 use super::{Check, Ended, Part};
 use machine::Axis;
 use machine::record::machine::Sense;

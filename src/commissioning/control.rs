@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use super::words::position;
+use super::question_text::position;
 use super::{Check, Ended, Part, compare::Difference, compare::differences, links};
 use devices::controllers::{ControllerError, DeviceInfo, Look, describe_not_readable};
 use machine::Position;

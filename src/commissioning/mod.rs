@@ -14,19 +14,19 @@ mod latch;
 mod links;
 mod person;
 mod probe;
+mod question_text;
 mod retract;
 mod sensors;
 mod stop;
 mod thermometers;
-mod words;
 
 use std::pin::Pin;
 use std::time::Instant;
 
 pub use finding::{Finding, Part, Summary, Verdict};
 pub use person::{Answering, Nobody, Person};
+pub use question_text::of as words_of;
 pub use stop::Stop;
-pub use words::of as words_of;
 
 use crate::setup::{Devices, MachineFile, Pace, SetupError, Site};
 use crate::store::Journal;

@@ -5,7 +5,7 @@
 use std::time::Instant;
 
 use super::jog::{self, JogError, RETRACT_MM};
-use super::words::look_for;
+use super::question_text::look_for;
 use super::{Check, Ended, Part, control};
 use devices::controllers::ControllerError;
 use machine::record::question::{Answer, AxisDirection, Jog, Question};

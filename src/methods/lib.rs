@@ -6,7 +6,6 @@
 
 use serde::de::DeserializeOwned;
 
-mod asking;
 pub mod ball_dome;
 mod ball_measurement;
 pub mod ball_plate;
@@ -15,17 +14,18 @@ pub mod identification;
 pub mod laser_r_test;
 pub mod latch_delay;
 pub mod multiprobe;
+mod outlier_repeats;
 pub mod prediction;
+mod probe_map_method;
 pub mod probe_qualification;
-mod qualified;
+mod prompts;
 pub mod r_test;
 mod registry;
 pub mod samba;
 pub mod self_calibration;
-mod suspects;
 mod turns;
 
-pub use asking::asking;
+pub use prompts::asking;
 pub use registry::{METHODS, configure, description, names};
 
 use estimation::linear::{LinearError, Survey};

@@ -4,9 +4,9 @@
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer};
 
-use crate::asking::PromptedMethod;
-use crate::qualified::ProbeMapMethod;
-use crate::suspects::OutlierRepeater;
+use crate::outlier_repeats::OutlierRepeater;
+use crate::probe_map_method::ProbeMapMethod;
+use crate::prompts::PromptedMethod;
 use crate::{Description, Method, Registered};
 
 macro_rules! registry {

@@ -9,9 +9,9 @@ mod proven;
 pub mod readings_csv;
 mod related;
 mod rows;
+pub mod temperature;
 #[cfg(test)]
 mod tests;
 mod vectors;
-pub mod warmth;
 
 pub use figure::{ErrorMap, Individuals, Temperatures};

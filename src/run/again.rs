@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use jiff::Timestamp;
 
-use super::asking::answered;
 use super::identify::stored_setup;
+use super::prompts::answered;
 use super::{CycleError, Interrupted, PromptAnswers, Run, can_resume, conclude};
 use crate::archive::story;
 use crate::setup::{Devices, MachineFile, RunHistory, SetupError};

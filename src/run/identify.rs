@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tokio::sync::oneshot;
 
-use super::behind::{COMPUTING, behind};
+use super::priority::{COMPUTING, lower_priority};
 use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
 use devices::controllers::Halt;
@@ -64,7 +64,7 @@ fn compute<T: Send + 'static>(
 ) -> oneshot::Receiver<T> {
     let (answer, result) = oneshot::channel();
     std::thread::spawn(move || {
-        behind(COMPUTING);
+        lower_priority(COMPUTING);
         drop(answer.send(computation()));
     });
     result

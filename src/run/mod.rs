@@ -5,11 +5,9 @@
 //! After a fault or a stop the machine holds; this module does not move it again.
 
 mod again;
-mod ahead;
-mod asking;
-mod behind;
 mod counted_turn;
 mod cycle;
+mod display_rounding;
 mod equal_angles;
 mod error;
 mod identify;
@@ -17,35 +15,37 @@ mod live_check;
 mod live_values;
 #[cfg(test)]
 mod live_values_tests;
+mod priority;
+mod prompts;
 mod qualified;
+mod remaining_stages;
 mod resume;
 mod scan;
 mod scan_in_motion;
 mod stage;
-mod stands;
 mod sweep;
+mod temperature;
 #[cfg(test)]
 mod tests;
 mod timeline;
-mod warmth;
 mod watched_sensors;
 
 pub use again::{AgainError, Question, ResumableRun, question};
-pub use asking::{Asked, PromptAnswers};
-pub use behind::{ANSWERING, behind};
 pub use cycle::{Cycle, CycleError, conclude};
 pub use error::RunError;
 pub use identify::{
     Unidentified, identified, identify_stored, judged, start_identification, store_identification,
 };
+pub use priority::{ANSWERING, lower_priority};
+pub use prompts::{Asked, PromptAnswers};
 pub use qualified::{Unqualified, check_probe};
 pub use resume::{Interrupted, can_resume};
 pub use stage::{Rehearsed, rehearse};
 
-use self::ahead::Ahead;
-use self::asking::first_question;
+use self::prompts::first_question;
+use self::remaining_stages::Ahead;
+use self::temperature::TemperatureLog;
 use self::timeline::Timeline;
-use self::warmth::TemperatureLog;
 use crate::setup::{Devices, Mounted};
 use crate::store::{Journal, RunId, RunState};
 use devices::controllers::describe_not_readable;

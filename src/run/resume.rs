@@ -8,8 +8,8 @@ use machine::Position;
 use machine::record::event::Event;
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Stage};
 use machine::record::reading::Reading;
+use methods::decision::reference_check::References;
 use methods::decision::references::{Shift, in_words};
-use methods::decision::revisit::References;
 
 /// Stored data of an unfinished run.
 #[derive(Debug, Clone)]

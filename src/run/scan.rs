@@ -1,7 +1,7 @@
 //! One scan: samples at rest at each point of the path, or samples in motion along the whole path
 //! (`scan_in_motion.rs`).
 
-use super::stands::unrounded;
+use super::display_rounding::unrounded;
 use super::watched_sensors::{Accepts, is_alive, is_distance, is_out_of_range};
 use super::{Run, RunError};
 use devices::sensors::Sample;

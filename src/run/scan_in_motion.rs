@@ -7,9 +7,9 @@ use tokio::sync::mpsc;
 use tokio::time::sleep;
 
 use super::counted_turn::{CountedTurn, turned_rad};
+use super::display_rounding::unrounded;
 use super::equal_angles;
 use super::scan::{Sampled, reading};
-use super::stands::unrounded;
 use super::sweep::{self, Placed, STILL};
 use super::watched_sensors::{Accepts, is_distance};
 use super::{Run, RunError};

@@ -2,9 +2,9 @@
 
 use tokio::sync::oneshot;
 
-use super::ahead::{Ahead, RehearsedStage};
-use super::asking::first_question;
-use super::behind::{COMPUTING, behind};
+use super::priority::{COMPUTING, lower_priority};
+use super::prompts::first_question;
+use super::remaining_stages::{Ahead, RehearsedStage};
 use super::{Run, RunError};
 use machine::Position;
 use machine::record::artefact::Artefact;
@@ -192,7 +192,7 @@ async fn prove(
     let transmission = sent.transmission.clone();
     let (stage, name) = (stage.clone(), stage.name.clone());
     std::thread::spawn(move || {
-        behind(COMPUTING);
+        lower_priority(COMPUTING);
         let sent = Sent { dialect: &dialect, transmission: &transmission };
         drop(answer.send(proven(&plan, &stage, found.as_ref(), &begin, sent)));
     });

@@ -65,7 +65,7 @@ impl Devices {
     }
 
     /// Adds the simulated end of the wire.
-    pub(super) fn behind(self, served: Option<Served>) -> Self {
+    pub(super) fn with_served_control(self, served: Option<Served>) -> Self {
         Self { _served: served, ..self }
     }
 }

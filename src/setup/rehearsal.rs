@@ -44,7 +44,7 @@ impl<'a> Rehearsal<'a> {
         let modes = modes(&dialect, &self.file.machine, None)?;
         let (controller, served) = self.control.open(self.bench(pace)?, modes).await?;
         let world = Some(self.world.clone());
-        Ok(Devices::new(controller, dialect).of(self.file, world).behind(served))
+        Ok(Devices::new(controller, dialect).of(self.file, world).with_served_control(served))
     }
 
     /// Serves the simulated control on its wire until dropped. Call inside a tokio runtime.

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use super::WorldError;
 use super::drawn;
 use super::sensor_truth::{SensorTruth, Wave};
-use super::sight::{Hit, SensorView};
+use super::sensor_view::{Hit, SensorView};
 use machine::frame::unit_vector;
 use machine::record::sensor::Sensor;
 

@@ -10,7 +10,6 @@
 
 mod balls;
 mod beam;
-mod bystander;
 mod check;
 pub mod controls;
 mod datum;
@@ -22,6 +21,7 @@ mod flank;
 pub mod interpreter;
 mod linear_errors;
 mod nearest;
+mod operator;
 mod path;
 mod ramp;
 mod rotary_errors;
@@ -30,22 +30,22 @@ mod sag;
 mod scene;
 mod sensing;
 mod sensor_truth;
+mod sensor_view;
 pub mod sensors;
-mod sight;
 mod stand;
 mod surface;
+mod thermometer_truth;
 mod trail;
 mod truth;
-mod warmth;
 mod wiring;
 
 use std::collections::BTreeMap;
 
 pub use beam::Sensed;
-pub use bystander::SimulatedOperator;
 pub use datum_truth::{DatumTruth, IndexFault, SectionForm, StageTruth};
 pub use error::WorldError;
 pub use flank::FormHarmonic;
+pub use operator::SimulatedOperator;
 pub use ramp::Speed;
 pub use rotary_motion::RotaryMotion;
 pub use sensing::SampleInMotion;
@@ -59,8 +59,8 @@ use path::{Limits, Path, Play};
 use ramp::{FINEST_MM, first_crossing};
 use scene::Scene;
 use sensing::SimulatedSensor;
+use thermometer_truth::ThermometerTruth;
 use trail::MotionHistory;
-use warmth::ThermometerTruth;
 use wiring::Wired;
 
 /// Result of an unguarded move.

@@ -10,7 +10,7 @@ use super::drawn::{self, Drift, Lobing};
 use super::linear_errors::{AngularErrors, LinearErrors};
 use super::rotary_errors::RotaryErrors;
 use super::sag::Sag;
-use super::sight::{SensorView, Target};
+use super::sensor_view::{SensorView, Target};
 use super::stand::MachinePose;
 use super::surface::Surface;
 use super::truth::Truth;

@@ -11,7 +11,7 @@ use super::datum_truth::{DatumTruth, StageTruth};
 use super::flank::FormHarmonic;
 use super::rotary_motion::RotaryMotion;
 use super::sensor_truth::SensorTruth;
-use super::warmth::ThermometerTruth;
+use super::thermometer_truth::ThermometerTruth;
 use super::wiring::Wiring;
 use machine::Axis;
 use machine::kinematics::{ErrorParameter, ErrorTerm, Shape};

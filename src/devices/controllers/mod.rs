@@ -26,9 +26,9 @@ mod lines;
 pub mod linuxcnc;
 pub mod modbus;
 mod port;
+mod port_scan;
 mod readiness;
 mod stamp;
-mod stranger;
 
 pub use error::ControllerError;
 pub use introduction::{DeviceInfo, Diagnosis, Leave, ReadinessFinding, ReportedAxis};

@@ -2,8 +2,8 @@
 
 pub mod difference;
 pub mod function_difference;
+pub mod reference_check;
 pub mod references;
-pub mod revisit;
 pub mod trend;
 
 use estimation::coverage::cumulative;

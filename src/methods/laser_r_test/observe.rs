@@ -10,7 +10,7 @@ use super::label::Pass;
 use super::latency::{Latency, Timed, fit};
 use super::spots::{Scanned, Spot};
 use super::track::PositionHistory;
-use crate::decision::revisit::granted_mm;
+use crate::decision::reference_check::granted_mm;
 use crate::{IdentifyError, Refused};
 use machine::Position;
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Sampling, Scan, Step};

@@ -110,7 +110,7 @@ impl Shop {
             RunHistory { readings: &stored.readings, elapsed_s: 60.0, ..RunHistory::default() };
         let (devices, halt) = self.devices(past).await;
         let mut tell = |event: &Event| tell(event, &halt);
-        let answered = super::asking::answered(&stored.events);
+        let answered = super::prompts::answered(&stored.events);
         let (stages, readings) = (stored.stages.clone(), stored.readings.clone());
         let run = Run::new(id, method, &devices, &self.journal, stored.plan.clone(), &mut tell);
         let before = Interrupted { stages, readings, answered, elapsed_s: 60.0 };

@@ -35,7 +35,7 @@ use super::command_gate::CommandGate;
 use super::config::{Cycle, Demand, Http};
 use super::metrics::Metrics;
 use super::{Log, ServeError};
-use crate::run::{ANSWERING, behind};
+use crate::run::{ANSWERING, lower_priority};
 use crate::store::Journal;
 use machine::record::estimate::Limit;
 
@@ -117,7 +117,7 @@ pub fn start(
         .name("http".to_owned())
         .spawn(move || {
             // The reader threads that this thread starts inherit its lower priority.
-            behind(ANSWERING);
+            lower_priority(ANSWERING);
             if let Err(error) = serve(listener, followed, router) {
                 told.fault(&format!("the page has ended: {error}"));
             }

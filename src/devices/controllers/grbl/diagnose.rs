@@ -1,7 +1,7 @@
 //! Finds out why no Grbl answers: the port, its baud rate, or another control at the port.
 
 use super::{Config, KIND};
-use crate::controllers::{ControllerError, Diagnosis, Leave, port, stranger};
+use crate::controllers::{ControllerError, Diagnosis, Leave, port, port_scan};
 use link::{Address, LinkError};
 use machine::record::machine::Machine;
 
@@ -23,21 +23,21 @@ impl Config {
     }
 
     async fn at_port(&self, path: &str, baud: u32, heard: &str) -> Vec<Diagnosis> {
-        for other in stranger::SPEEDS.into_iter().filter(|speed| *speed != baud) {
+        for other in port_scan::SPEEDS.into_iter().filter(|speed| *speed != baud) {
             let address = Address::Serial { path: path.to_owned(), baud: other };
-            if let Some(said) = stranger::greets_as_grbl(&address).await {
+            if let Some(said) = port_scan::greets_as_grbl(&address).await {
                 return vec![wrong_speed(baud, other, &said)];
             }
         }
-        let other = stranger::on_serial(path, baud, KIND).await;
+        let other = port_scan::on_serial(path, baud, KIND).await;
         let because = || format!("{heard}; asked at other speeds and in Modbus as well");
-        vec![other.unwrap_or_else(|| stranger::nobody(path, &because()))]
+        vec![other.unwrap_or_else(|| port_scan::nobody(path, &because()))]
     }
 
     async fn at_socket(&self, address: &Address, heard: &str) -> Vec<Diagnosis> {
-        let other = stranger::on_tcp(&self.link, KIND).await;
+        let other = port_scan::on_tcp(&self.link, KIND).await;
         let because = || format!("{heard}; asked in the languages of other controls as well");
-        vec![other.unwrap_or_else(|| stranger::nobody(&address.to_string(), &because()))]
+        vec![other.unwrap_or_else(|| port_scan::nobody(&address.to_string(), &because()))]
     }
 }
 

@@ -18,7 +18,7 @@ pub(super) fn silent(line: &str, waited: Duration) -> ControllerError {
 }
 
 /// Error if the answering device is not a Grbl control, or if nothing answers.
-pub(super) fn stranger(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
+pub(super) fn port_scan(noise: bool, foreign: Option<String>, waited: Duration) -> ControllerError {
     if noise {
         return ControllerError::UnexpectedDevice {
             state: "it answers with unreadable bytes, probably at the wrong speed".to_owned(),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep};
 
-use super::fault::{not_ready, out_of_step, overridden, refused, silent, state_of, stranger};
+use super::fault::{not_ready, out_of_step, overridden, port_scan, refused, silent, state_of};
 use super::message::{Message, Overrides, Status, alarm_meaning};
 use super::watch::{FREE_MOVE_POLL, Patience, Watch};
 use crate::controllers::{ControllerError, Halt, ReadinessFinding};
@@ -273,7 +273,7 @@ impl Wire {
             }
         }
         let Some(status) = status else {
-            return Err(stranger(noise, foreign, 2 * self.patience.answer));
+            return Err(port_scan(noise, foreign, 2 * self.patience.answer));
         };
         self.quiet().await?;
         Ok(status)

@@ -1,7 +1,7 @@
 //! Finds out why no linuxcncrsh answers: the port, or another control at the port.
 
 use super::{Config, KIND};
-use crate::controllers::{ControllerError, Diagnosis, Leave, port, stranger};
+use crate::controllers::{ControllerError, Diagnosis, Leave, port, port_scan};
 use link::{Address, Named};
 use machine::record::machine::Machine;
 
@@ -30,9 +30,9 @@ impl Config {
         );
         match leave {
             Leave::Ask if strange => {
-                let other = stranger::on_tcp(&at, KIND).await;
+                let other = port_scan::on_tcp(&at, KIND).await;
                 let because = format!("{failed}; asked in the languages of other controls as well");
-                vec![other.unwrap_or_else(|| stranger::nobody(&address.to_string(), &because))]
+                vec![other.unwrap_or_else(|| port_scan::nobody(&address.to_string(), &because))]
             }
             Leave::Listen if strange => vec![Diagnosis {
                 seen: false,
@@ -53,7 +53,7 @@ impl Config {
         if leave != Leave::Ask || *port == USUAL_PORT {
             return None;
         }
-        let said = stranger::greets_as_rsh(&usual).await?;
+        let said = port_scan::greets_as_rsh(&usual).await?;
         Some(Diagnosis {
             seen: true,
             vague: false,

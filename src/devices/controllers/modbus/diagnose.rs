@@ -9,7 +9,7 @@ use tokio::time::sleep;
 use super::map::Map;
 use super::status::{PROGRAM_VERSION, VERSION};
 use super::{Config, KIND, otherwise};
-use crate::controllers::{ControllerError, Diagnosis, Leave, port, stranger};
+use crate::controllers::{ControllerError, Diagnosis, Leave, port, port_scan};
 use link::modbus::{Allowed, Framing, Line, Modbus, ModbusError, Parity, Range, Settings, Space};
 use link::{Address, Named};
 use machine::record::machine::Machine;
@@ -137,19 +137,19 @@ impl Config {
         let at = self.device.line.to_string();
         let because =
             || format!("{failed}; asked under other numbers and in other languages as well");
-        vec![found.unwrap_or_else(|| stranger::nobody(&at, &because()))]
+        vec![found.unwrap_or_else(|| port_scan::nobody(&at, &because()))]
     }
 
     async fn on_the_line(&self, path: &str, baud: u32) -> Option<Diagnosis> {
         for unit in UNITS.filter(|unit| *unit != self.device.unit) {
-            if stranger::answers_modbus(&self.device.line, unit).await {
+            if port_scan::answers_modbus(&self.device.line, unit).await {
                 return Some(wrong_unit(self.device.unit, unit));
             }
         }
         for parity in [Parity::Even, Parity::None, Parity::Odd] {
             let line = Line { parity, ..self.device.line.clone() };
             if parity != self.device.line.parity
-                && stranger::answers_modbus(&line, self.device.unit).await
+                && port_scan::answers_modbus(&line, self.device.unit).await
             {
                 return Some(wrong_line(
                     "wrong parity",
@@ -157,11 +157,11 @@ impl Config {
                 ));
             }
         }
-        for other in stranger::SPEEDS.into_iter().filter(|speed| *speed != baud) {
+        for other in port_scan::SPEEDS.into_iter().filter(|speed| *speed != baud) {
             let at = Named::Serial { path: path.into(), baud: other };
             for parity in [self.device.line.parity, Parity::Even, Parity::None] {
                 let line = Line { at: at.clone(), parity, ..self.device.line.clone() };
-                if stranger::answers_modbus(&line, self.device.unit).await {
+                if port_scan::answers_modbus(&line, self.device.unit).await {
                     let parity = format!("{parity:?}").to_lowercase();
                     let keys = format!("baud = {other}, parity = \"{parity}\"");
                     let what =
@@ -170,23 +170,23 @@ impl Config {
                 }
             }
         }
-        stranger::on_serial(path, baud, KIND).await
+        port_scan::on_serial(path, baud, KIND).await
     }
 
     async fn behind_the_socket(&self) -> Option<Diagnosis> {
         for unit in TCP_UNITS.into_iter().filter(|unit| *unit != self.device.unit) {
-            if stranger::answers_modbus(&self.device.line, unit).await {
+            if port_scan::answers_modbus(&self.device.line, unit).await {
                 return Some(wrong_unit(self.device.unit, unit));
             }
         }
         let framing =
             if self.device.line.framing == Framing::Tcp { Framing::Rtu } else { Framing::Tcp };
         let line = Line { framing, ..self.device.line.clone() };
-        if stranger::answers_modbus(&line, self.device.unit).await {
+        if port_scan::answers_modbus(&line, self.device.unit).await {
             let key = format!("framing = \"{framing:?}\"").to_lowercase();
             return Some(wrong_line("wrong framing: the converter passes other frames on", &key));
         }
-        stranger::on_tcp(&self.device.line.at, KIND).await
+        port_scan::on_tcp(&self.device.line.at, KIND).await
     }
 }
 

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::played::{World, run, table_5};
 use super::{ideal, settings};
-use crate::decision::revisit::References;
+use crate::decision::reference_check::References;
 use crate::identification::Effect;
 use crate::laser_r_test::bench::LaserSetup;
 use crate::laser_r_test::identify::{identify, parts};

@@ -7,7 +7,7 @@ use minijinja::{Value, context};
 use super::{address, machine, moment};
 use crate::archive::report::report;
 use crate::archive::story::{how_it_ended, signed, story};
-use crate::report::warmth;
+use crate::report::temperature;
 use crate::service::http::Web;
 use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
@@ -50,7 +50,7 @@ fn values(stored: &StoredRun, before: Option<i64>) -> Value {
         machine => address(&summary.machine),
         ended => unfinished.then(|| how_it_ended(stored)),
         readings => stored.readings.len(),
-        warmth => warmth::rows(&stored.readings),
+        warmth => temperature::rows(&stored.readings),
         story => story(stored),
         signed => signed(stored),
         before,

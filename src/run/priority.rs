@@ -8,7 +8,7 @@ pub const ANSWERING: i32 = 5;
 
 /// Lowers the priority of this thread by `the_run`, a nice increment (nice(2); on Linux it applies to the
 /// thread alone). The priority stays the same where the system refuses.
-pub fn behind(the_run: i32) {
+pub fn lower_priority(the_run: i32) {
     let _ = rustix::process::nice(the_run);
 }
 
@@ -22,7 +22,7 @@ mod tests {
     fn the_others_stay_where_they_are() {
         let before = getpriority_process(None).unwrap();
         let stepped = std::thread::spawn(|| {
-            behind(ANSWERING);
+            lower_priority(ANSWERING);
             getpriority_process(None).unwrap()
         });
         // 19 is the lowest priority.
