@@ -100,7 +100,7 @@ pub fn is_left(stored: &StoredRun) -> bool {
 
 /// Command that resumes a stopped run, or the reason why it cannot be resumed. `can_resume`: its references
 /// were measured.
-pub fn goes_on(run: RunId, can_resume: bool, position_lost: bool) -> String {
+pub fn resume_hint(run: RunId, can_resume: bool, position_lost: bool) -> String {
     match (can_resume, position_lost) {
         (true, true) => format!(
             "`trued resume {run} --acknowledge YOUR_NAME --homed` goes on from here, once you have looked \
@@ -115,12 +115,12 @@ pub fn goes_on(run: RunId, can_resume: bool, position_lost: bool) -> String {
     }
 }
 
-/// Next action that is possible for a run in its state. `can_resume` as in [`goes_on`].
-pub fn way_on(stored: &StoredRun, can_resume: bool) -> Option<String> {
+/// Next action that is possible for a run in its state. `can_resume` as in [`resume_hint`].
+pub fn next_action(stored: &StoredRun, can_resume: bool) -> Option<String> {
     let RunSummary { id, state, method, .. } = &stored.summary;
     match state {
         RunState::Held | RunState::Interrupted => {
-            Some(goes_on(*id, can_resume, position_lost(stored)))
+            Some(resume_hint(*id, can_resume, position_lost(stored)))
         }
         RunState::Closed => {
             Some(format!("`trued identify {method} --run {id}` tells what its readings hold"))

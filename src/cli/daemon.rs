@@ -22,7 +22,7 @@ use machine::record::estimate::Estimate;
 use machine::record::event::Event;
 
 /// Polling period of the daemon's state.
-const LOOK: Duration = Duration::from_millis(200);
+const POLL_PERIOD: Duration = Duration::from_millis(200);
 /// Timeout of a request; a daemon that does not answer within it has died or hangs.
 const PATIENCE: Duration = Duration::from_secs(10);
 /// Environment variable with the token, for a daemon that accepts requests with a token only.
@@ -136,7 +136,7 @@ impl Daemon {
                 let stage = stage.as_str().unwrap_or_default();
                 print(&format!("{stage}{}", left.unwrap_or_default()));
             }
-            sleep(LOOK);
+            sleep(POLL_PERIOD);
         }
     }
 

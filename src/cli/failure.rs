@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::Exit;
-use crate::archive::story::goes_on;
+use crate::archive::story::resume_hint;
 use crate::run::{CycleError, Unqualified};
 use crate::service::{ServeError, TokenError};
 use crate::setup::SetupError;
@@ -121,10 +121,10 @@ impl Failure {
         }
     }
 
-    /// Adds the command of [`goes_on`].
+    /// Adds the command of [`resume_hint`].
     fn with_way_on(mut self, run: RunId, can_resume: bool, position_lost: bool) -> Self {
         if let (Exit::Stopped, Some(remedy)) = (self.exit, &mut self.remedy) {
-            remedy.push_str(&format!("; {}", goes_on(run, can_resume, position_lost)));
+            remedy.push_str(&format!("; {}", resume_hint(run, can_resume, position_lost)));
         }
         self
     }

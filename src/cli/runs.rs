@@ -101,7 +101,7 @@ pub fn show(args: &ShowArgs, state: Option<&Path>) -> Result<Exit, Failure> {
 
 /// Next action that is possible for the run.
 pub fn way_on(stored: &StoredRun) -> Option<String> {
-    story::way_on(stored, can_resume(&stored.plan, &stored.readings))
+    story::next_action(stored, can_resume(&stored.plan, &stored.readings))
 }
 
 fn tell_interruptions(stored: &StoredRun, state: Option<&Path>) {

@@ -16,10 +16,10 @@ use crate::setup::SetupError;
 use crate::store::{Arming, Journal, Slot};
 
 /// Number of past slots that are printed.
-const LAST: usize = 20;
+const MAX_PAST_SLOTS: usize = 20;
 
 #[derive(Serialize)]
-struct Told {
+struct ScheduleReport {
     machine: String,
     /// Next slots; only if the machine file is given.
     planned: Vec<Planned>,
@@ -40,8 +40,8 @@ pub fn schedule(args: &ScheduleArgs, state: Option<&Path>) -> Result<Exit, Failu
         (None, None) => journal.machines()?.into_iter().map(|name| (name, Vec::new())).collect(),
     };
     let told = all.into_iter().map(|(machine, planned)| {
-        let (armed, last) = (journal.armings(&machine)?, journal.slots(&machine, LAST)?);
-        Ok(Told { machine, planned, armed, last })
+        let (armed, last) = (journal.armings(&machine)?, journal.slots(&machine, MAX_PAST_SLOTS)?);
+        Ok(ScheduleReport { machine, planned, armed, last })
     });
     let told = told.collect::<Result<Vec<_>, Failure>>()?;
     match args.json {
@@ -59,8 +59,8 @@ fn of_file(file: DaemonFile) -> Vec<(String, Vec<Planned>)> {
         .collect()
 }
 
-fn print(told: &Told) {
-    let Told { machine, planned, armed, last } = told;
+fn print(told: &ScheduleReport) {
+    let ScheduleReport { machine, planned, armed, last } = told;
     say!("{machine}");
     for Planned { name, cycle, at, zone, next, .. } in planned {
         let next: Vec<_> =

@@ -10,12 +10,12 @@ use machine::record::machine::Sense;
 use machine::record::question::{Answer, Jog, Question, Seen};
 
 /// Length of a jog, mm or degrees.
-const BY: f64 = 1.0;
+const JOG_LENGTH: f64 = 1.0;
 /// Tolerance of an observed distance, mm or degrees.
-const BY_EYE: f64 = 0.2;
+const EYE_TOLERANCE: f64 = 0.2;
 
 /// Reason why no axis is jogged.
-pub(super) const UNSEEN: &str =
+pub(super) const NO_PROBE_REASON: &str =
     "nobody is there to show that the probe answers: without it nothing stops at a contact";
 
 /// Outcome of one axis.
@@ -27,7 +27,7 @@ enum Looked {
 
 pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
     if !check.probe_answers {
-        check.not_looked_at(Part::Axes, UNSEEN);
+        check.not_looked_at(Part::Axes, NO_PROBE_REASON);
         return Ok(());
     }
     let axes: Vec<Axis> = check.file.machine.axes.keys().copied().collect();
@@ -107,7 +107,7 @@ fn planned(check: &mut Check<'_>, axis: Axis) -> Option<Jog> {
     let (since, machine) = (Instant::now(), &check.file.machine);
     let spec = machine.axes.get(&axis)?;
     let stands = check.stands.as_ref()?;
-    let jog = jog::inwards(axis, BY, spec, stands);
+    let jog = jog::inwards(axis, JOG_LENGTH, spec, stands);
     if jog.is_none() {
         let here = axis.to_edge(stands.at(axis));
         let what = format!(
@@ -164,8 +164,8 @@ async fn reported(check: &Check<'_>, jog: &Jog) -> Option<String> {
 fn judge(check: &mut Check<'_>, jog: &Jog, seen: Seen, since: Instant, expected: &str) {
     let (axis, by) = (jog.axis, told(jog));
     let seen = match seen {
-        Seen::Distance(seen) if (seen - jog.by).abs() <= BY_EYE => Seen::AsSaid,
-        Seen::Distance(seen) if (seen + jog.by).abs() <= BY_EYE => Seen::OtherWay,
+        Seen::Distance(seen) if (seen - jog.by).abs() <= EYE_TOLERANCE => Seen::AsSaid,
+        Seen::Distance(seen) if (seen + jog.by).abs() <= EYE_TOLERANCE => Seen::OtherWay,
         Seen::Distance(0.0) => Seen::Nothing,
         Seen::Another(other) if other == axis => Seen::AsSaid,
         seen => seen,

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use tokio::time::timeout;
 
-use super::axes::UNSEEN;
+use super::axes::NO_PROBE_REASON;
 use super::jog::{self, Proven};
 use super::{Check, Ended, Part};
 use crate::setup::{Pace, SetupError};
@@ -17,15 +17,15 @@ use machine::record::question::{Answer, Jog, Question};
 /// Length of the path that is held, mm.
 const BY: f64 = 5.0;
 /// Time from the start of the motion to the halt.
-const AFTER: Duration = Duration::from_millis(1500);
+const HALT_DELAY: Duration = Duration::from_millis(1500);
 /// Maximum travel after the halt, mm; one second at the slow feed of a jog.
-const GOES_ON: f64 = 1.0;
+const MAX_TRAVEL_AFTER_HALT_MM: f64 = 1.0;
 /// Maximum number of questions to the operator, who may answer too early.
-const TRIES: usize = 3;
+const MAX_RELEASE_QUESTIONS: usize = 3;
 /// Maximum distance from the end at which the axis has reached it, mm.
 const AT_END: f64 = 0.05;
 /// Remedy for the person who configures the hold of the control.
-const HOW: &str = "how does the control take one? Modbus: hold in [controller.registers.command] \
+const HOLD_REMEDY: &str = "how does the control take one? Modbus: hold in [controller.registers.command] \
                    (docs/line-window.md); grblHAL: `!` in real time; LinuxCNC: abort by linuxcncrsh";
 
 /// Result of the held jog.
@@ -46,7 +46,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         return Ok(());
     }
     if !check.probe_answers {
-        check.not_looked_at(Part::Hold, UNSEEN);
+        check.not_looked_at(Part::Hold, NO_PROBE_REASON);
         return Ok(());
     }
     let Some(jog) = longest(check) else {
@@ -102,7 +102,7 @@ async fn run(check: &Check<'_>, proven: Proven) -> Result<Held, Ended> {
     let mut executing = pin!(controller.execute(proven.block));
     let begun = Instant::now();
     // The motion continues after the timeout.
-    if let Ok(ended) = timeout(AFTER, &mut executing).await {
+    if let Ok(ended) = timeout(HALT_DELAY, &mut executing).await {
         return Ok(Held { before_s: None, took_s: 0.0, ended });
     }
     let before_s = Some(begun.elapsed().as_secs_f64());
@@ -132,7 +132,7 @@ async fn judge(
             return Ok(held.before_s.is_some());
         }
         (Err(error @ ControllerError::NotHeld { .. }), _) => {
-            let remedy = format!("{}; {HOW}", error.remedy());
+            let remedy = format!("{}; {HOLD_REMEDY}", error.remedy());
             check.failed(Part::Hold, since, error.to_string(), remedy);
             return Err(Ended::Unsafe);
         }
@@ -148,7 +148,7 @@ async fn judge(
     };
     let gone = (now.stands.at(axis) - before.at(axis)).abs();
     let went_on = (gone - before_s * jog.feed_per_min / 60.0).max(0.0);
-    if gone > BY - AT_END || went_on > GOES_ON {
+    if gone > BY - AT_END || went_on > MAX_TRAVEL_AFTER_HALT_MM {
         let what = format!(
             "the hold has no effect: {axis} went on for {went_on:.1} mm after it, to {gone:.2} of {BY} mm"
         );
@@ -156,7 +156,7 @@ async fn judge(
             Part::Hold,
             since,
             what,
-            format!("run nothing on this machine until a hold stops it: {HOW}"),
+            format!("run nothing on this machine until a hold stops it: {HOLD_REMEDY}"),
         );
         return Err(Ended::Unsafe);
     }
@@ -172,7 +172,7 @@ async fn judge(
 /// too early.
 async fn released(check: &mut Check<'_>) -> Result<(), Ended> {
     let mut not_yet = None;
-    for _ in 0..TRIES {
+    for _ in 0..MAX_RELEASE_QUESTIONS {
         check.devices = None;
         check.stands = None;
         if check.ask(Question::Released { not_yet }).await? != Answer::Yes {

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use super::axes::UNSEEN;
+use super::axes::NO_PROBE_REASON;
 use super::{Check, Ended, Part};
 use crate::run::{CycleError, Run, RunError, Unidentified, conclude};
 use crate::setup;
@@ -26,7 +26,7 @@ pub(super) async fn look(check: &mut Check<'_>) -> Result<(), Ended> {
         return Ok(());
     }
     if !check.probe_answers {
-        check.not_looked_at(Part::Latch, UNSEEN);
+        check.not_looked_at(Part::Latch, NO_PROBE_REASON);
         return Ok(());
     }
     let since = Instant::now();

@@ -5,7 +5,7 @@ use faer::Mat;
 use super::coverage;
 
 /// Probability that χ² is within its bounds if all sources are as declared.
-const CREDIBLE: f64 = 0.998;
+const CHI2_BOUND_PROBABILITY: f64 = 0.998;
 
 #[derive(Debug, Clone, Copy)]
 pub struct Misfit {
@@ -38,7 +38,9 @@ impl Misfit {
             if rows < left.ncols() { &left * left.transpose() } else { left.transpose() * &left };
         let effective = expected * expected / joint.squared_norm_l2();
         let chi2: f64 = residuals.iter().map(|r| r * r).sum();
-        let bounds = (dof > 0).then(|| coverage::chi_square_bounds(effective, CREDIBLE)).flatten();
+        let bounds = (dof > 0)
+            .then(|| coverage::chi_square_bounds(effective, CHI2_BOUND_PROBABILITY))
+            .flatten();
         let ratio = chi2 / expected;
         let beyond = |is: &dyn Fn((f64, f64)) -> bool| bounds.is_some_and(is);
         let above = declared && beyond(&|(_, upper)| ratio * effective > upper);

@@ -123,7 +123,7 @@ impl Factored {
 
     /// Computes the least-squares solution of damped rows (see [`held`]). `y` holds the values without the damping
     /// rows.
-    pub(super) fn solve_held(&self, y: &[f64]) -> Vec<f64> {
+    pub(super) fn solve_damped(&self, y: &[f64]) -> Vec<f64> {
         let (mut extended, mut rest) = (Vec::new(), y);
         for block in &self.blocks {
             let more = block.orthonormal.count();

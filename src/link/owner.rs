@@ -17,12 +17,12 @@ use tokio::time::timeout;
 use super::LinkError;
 
 /// Maximum time for the last writes after the handle is dropped.
-const LAST_WORDS: Duration = Duration::from_secs(1);
+const FINAL_WRITE_TIMEOUT: Duration = Duration::from_secs(1);
 
 /// Maximum number of reads that empty the kernel's buffer, and the number of consecutive polls without data after
 /// which it counts as empty.
-const MOST_WAITING: usize = 64;
-const QUIET: usize = 2;
+const MAX_DRAIN_READS: usize = 64;
+const EMPTY_POLLS: usize = 2;
 
 /// Receiver of the incoming bytes.
 pub(super) trait Sink: Send + 'static {
@@ -34,7 +34,7 @@ pub(super) trait Sink: Send + 'static {
     fn lost(self, why: String) -> impl Future<Output = ()> + Send;
 }
 
-pub(super) struct Ahead {
+pub(super) struct UrgentMessage {
     pub(super) bytes: Vec<u8>,
     pub(super) last: bool,
 }
@@ -43,7 +43,7 @@ pub(super) struct Ahead {
 pub(super) struct Ends<K> {
     pub(super) sink: K,
     pub(super) queued: mpsc::UnboundedReceiver<Vec<u8>>,
-    pub(super) urgent_queue: mpsc::UnboundedReceiver<Ahead>,
+    pub(super) urgent_queue: mpsc::UnboundedReceiver<UrgentMessage>,
     /// Callers to be notified once all bytes that have already arrived are passed to the sink.
     pub(super) emptied: mpsc::UnboundedReceiver<oneshot::Sender<()>>,
 }
@@ -143,7 +143,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
     /// buffer.
     async fn take_waiting(&mut self, buffer: &mut [u8]) -> io::Result<()> {
         let mut quiet = 0;
-        for _ in 0..MOST_WAITING {
+        for _ in 0..MAX_DRAIN_READS {
             let mut read = pin!(self.reader.read(buffer));
             // Cancel safe: a read that is not ready has moved no byte.
             match poll_fn(|context| Poll::Ready(read.as_mut().poll(context))).await {
@@ -153,7 +153,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
                     quiet = 0;
                 }
                 // The runtime polls the kernel before the next read.
-                Poll::Pending if quiet < QUIET => {
+                Poll::Pending if quiet < EMPTY_POLLS => {
                     quiet += 1;
                     yield_now().await;
                 }
@@ -164,7 +164,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
     }
 
     /// Inserts a message after a partly written message and earlier urgent messages, but before all others.
-    fn put_ahead(&mut self, ahead: Ahead) {
+    fn put_ahead(&mut self, ahead: UrgentMessage) {
         let goes_first = |message: &&Message| message.urgent || message.written > 0;
         let place = self.pending.iter().take_while(goes_first).count();
         if ahead.last {
@@ -194,7 +194,7 @@ impl<S: AsyncRead + AsyncWrite, K: Sink> Owner<S, K> {
             }
         };
         // The stream is closed afterwards in any case.
-        let _ = timeout(LAST_WORDS, write).await;
+        let _ = timeout(FINAL_WRITE_TIMEOUT, write).await;
     }
 }
 

@@ -11,7 +11,7 @@ use tokio::time::{Instant, timeout_at};
 use super::LinkError;
 use super::capture::LinkProtocol;
 use super::lines::{Assembler, Received};
-use super::owner::{Ahead, Ends, Sink, start};
+use super::owner::{Ends, Sink, UrgentMessage, start};
 use super::wiring::Wiring;
 
 /// Maximum number of lines in the queue to the reader. A peer that sends more is the wrong device.
@@ -29,17 +29,17 @@ pub struct Link {
 /// Sends ahead of everything that is queued, from any thread, without blocking. It never splits a message whose
 /// first byte is already written. On a lost link it sends nothing and reports nothing: the reader gets the error.
 #[derive(Clone)]
-pub struct Urgent(mpsc::UnboundedSender<Ahead>);
+pub struct Urgent(mpsc::UnboundedSender<UrgentMessage>);
 
 impl Urgent {
     pub fn send(&self, bytes: &[u8]) {
-        let _ = self.0.send(Ahead { bytes: bytes.to_vec(), last: false });
+        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), last: false });
     }
 
     /// Like `send`; in addition, everything that [`Link::send`] has queued or will queue is dropped: after a hold,
     /// only urgent bytes follow.
     pub fn send_and_close(&self, bytes: &[u8]) {
-        let _ = self.0.send(Ahead { bytes: bytes.to_vec(), last: true });
+        let _ = self.0.send(UrgentMessage { bytes: bytes.to_vec(), last: true });
     }
 }
 

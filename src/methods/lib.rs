@@ -25,7 +25,7 @@ pub mod samba;
 pub mod self_calibration;
 mod turns;
 
-pub use prompts::asking;
+pub use prompts::with_prompts;
 pub use registry::{METHODS, configure, description, names};
 
 use estimation::linear::{LinearError, Survey};

@@ -10,7 +10,7 @@ use machine::record::reading::Reading;
 use machine::record::sensor::Sensor;
 
 /// Maximum number of repeated measurements of one step.
-const MOST: usize = 2;
+const MAX_REPEATS: usize = 2;
 
 pub(super) struct OutlierRepeater {
     pub method: Box<dyn Method>,
@@ -18,26 +18,27 @@ pub(super) struct OutlierRepeater {
     pub quick: Box<dyn Method>,
 }
 
-fn is_again(repeat: u32) -> bool {
+fn is_outlier_repeat(repeat: u32) -> bool {
     (REPEAT_OF_SUSPECTS..REPEAT_AFTER_STOP).contains(&repeat)
 }
 
 /// Readings with only the last of the repeats below `before` of each step that was measured again; it
 /// replaces the earlier ones.
-fn last_of_each(readings: &[Reading], before: u32) -> Cow<'_, [Reading]> {
-    if !readings.iter().any(|reading| is_again(reading.repeat)) {
+fn latest_repeats(readings: &[Reading], before: u32) -> Cow<'_, [Reading]> {
+    if !readings.iter().any(|reading| is_outlier_repeat(reading.repeat)) {
         return Cow::Borrowed(readings);
     }
-    let counts = |reading: &&Reading| !is_again(reading.repeat) || reading.repeat < before;
+    let counts = |reading: &&Reading| !is_outlier_repeat(reading.repeat) || reading.repeat < before;
     let last = |step: u32| {
-        let again = readings.iter().filter(counts).filter(|reading| is_again(reading.repeat));
-        again.filter(|reading| reading.step == step).map(|reading| reading.repeat).max()
+        let repeat_stage =
+            readings.iter().filter(counts).filter(|reading| is_outlier_repeat(reading.repeat));
+        repeat_stage.filter(|reading| reading.step == step).map(|reading| reading.repeat).max()
     };
     let stays = |reading: &&Reading| match last(reading.step) {
         Some(last) => reading.repeat == last || reading.repeat >= REPEAT_AFTER_STOP,
         None => true,
     };
-    let placed = |reading: &Reading| match is_again(reading.repeat) {
+    let placed = |reading: &Reading| match is_outlier_repeat(reading.repeat) {
         true => Reading { repeat: 0, ..reading.clone() },
         false => reading.clone(),
     };
@@ -59,18 +60,18 @@ fn of_outlier<'p>(plan: &'p Plan, outlier: &Outlier) -> impl Iterator<Item = &'p
 impl OutlierRepeater {
     /// The stage that repeats the suspects of the earliest stage that has any. They are of one stage because
     /// the proof of a repeated stage uses what was known when that stage was planned.
-    fn again(&self, plan: &Plan, done: &[Stage], readings: &[Reading]) -> Option<Stage> {
+    fn repeat_stage(&self, plan: &Plan, done: &[Stage], readings: &[Reading]) -> Option<Stage> {
         // An error is reported when the run is identified.
-        let estimate = self.quick.identify(plan, &last_of_each(readings, u32::MAX)).ok()?;
+        let estimate = self.quick.identify(plan, &latest_repeats(readings, u32::MAX)).ok()?;
         let times = |step: &Step| {
-            let again = done.iter().filter(|stage| is_again(stage.repeat));
-            again.filter(|stage| stage.steps.contains(&step.id)).count()
+            let repeat_stage = done.iter().filter(|stage| is_outlier_repeat(stage.repeat));
+            repeat_stage.filter(|stage| stage.steps.contains(&step.id)).count()
         };
         let suspects = estimate.outliers.iter().flat_map(|outlier| of_outlier(plan, outlier));
-        let suspects: Vec<&Step> = suspects.filter(|step| times(step) < MOST).collect();
+        let suspects: Vec<&Step> = suspects.filter(|step| times(step) < MAX_REPEATS).collect();
         let is_suspect = |id: &u32| suspects.iter().any(|step| step.id == *id);
         let first = done.iter().find(|stage| stage.steps.iter().any(is_suspect))?;
-        let rounds = done.iter().filter(|stage| is_again(stage.repeat)).count() as u32;
+        let rounds = done.iter().filter(|stage| is_outlier_repeat(stage.repeat)).count() as u32;
         Some(Stage {
             id: done.last().map_or(0, |stage| stage.id + 1),
             name: "suspects measured again".to_owned(),
@@ -84,19 +85,20 @@ impl OutlierRepeater {
     /// Measurements that are still outliers come first.
     fn list(&self, plan: &Plan, readings: &[Reading], estimate: &mut Estimate) {
         let mut rounds: Vec<u32> = readings.iter().map(|reading| reading.repeat).collect();
-        rounds.retain(|repeat| is_again(*repeat));
+        rounds.retain(|repeat| is_outlier_repeat(*repeat));
         rounds.sort_unstable();
         rounds.dedup();
         let is_measured = |outlier: &Outlier| {
             let steps = of_outlier(plan, outlier).map(|step| step.id);
-            let mut again = readings.iter().filter(|reading| is_again(reading.repeat));
-            steps.into_iter().any(|id| again.any(|reading| reading.step == id))
+            let mut repeat_stage =
+                readings.iter().filter(|reading| is_outlier_repeat(reading.repeat));
+            steps.into_iter().any(|id| repeat_stage.any(|reading| reading.step == id))
         };
         for outlier in estimate.outliers.iter_mut().filter(|outlier| is_measured(outlier)) {
             outlier.resolution = Some("measured again: it is off still".to_owned());
         }
         for before in rounds {
-            let Ok(earlier) = self.quick.identify(plan, &last_of_each(readings, before)) else {
+            let Ok(earlier) = self.quick.identify(plan, &latest_repeats(readings, before)) else {
                 continue;
             };
             for outlier in earlier.outliers {
@@ -131,10 +133,10 @@ impl Method for OutlierRepeater {
             return self.method.next(plan, done, source);
         };
         let ordinary: Vec<Stage> =
-            done.iter().filter(|stage| !is_again(stage.repeat)).cloned().collect();
-        let last = last_of_each(readings, u32::MAX);
+            done.iter().filter(|stage| !is_outlier_repeat(stage.repeat)).cloned().collect();
+        let last = latest_repeats(readings, u32::MAX);
         match self.method.next(plan, &ordinary, Source::Measured(&last))? {
-            Next::Done => Ok(match self.again(plan, done, readings) {
+            Next::Done => Ok(match self.repeat_stage(plan, done, readings) {
                 Some(stage) => Next::Stage { stage, new_steps: Vec::new() },
                 None => Next::Done,
             }),
@@ -159,8 +161,8 @@ impl Method for OutlierRepeater {
     }
 
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
-        let mut estimate = self.method.identify(plan, &last_of_each(readings, u32::MAX))?;
-        if readings.iter().any(|reading| is_again(reading.repeat)) {
+        let mut estimate = self.method.identify(plan, &latest_repeats(readings, u32::MAX))?;
+        if readings.iter().any(|reading| is_outlier_repeat(reading.repeat)) {
             self.list(plan, readings, &mut estimate);
         }
         Ok(estimate)

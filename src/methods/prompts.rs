@@ -14,7 +14,7 @@ use machine::record::sensor::Sensor;
 const LABEL: &str = "ask/";
 
 /// Returns `method` with a prompt for each of `texts` before its first stage.
-pub fn asking(method: Box<dyn Method>, texts: Vec<String>) -> Box<dyn Method> {
+pub fn with_prompts(method: Box<dyn Method>, texts: Vec<String>) -> Box<dyn Method> {
     Box::new(PromptedMethod { method, texts })
 }
 
@@ -50,7 +50,7 @@ impl PromptedMethod {
 }
 
 /// Number of steps at the head of `plan` that are prompts of the machine file.
-fn ours(plan: &Plan) -> usize {
+fn machine_prompt_count(plan: &Plan) -> usize {
     let is_ours = |step: &&Step| step.kind == StepKind::Prompt && step.label.starts_with(LABEL);
     plan.steps.iter().take_while(is_ours).count()
 }
@@ -78,7 +78,7 @@ impl Method for PromptedMethod {
     }
 
     fn next(&self, plan: &Plan, done: &[Stage], readings: Source<'_>) -> Result<Next, Refused> {
-        let count = match (ours(plan) as u32, done) {
+        let count = match (machine_prompt_count(plan) as u32, done) {
             (_, []) => return Ok(self.with_prompts(self.method.next(plan, done, readings)?)),
             (0, _) => return self.method.next(plan, done, readings),
             (count, _) => count,
@@ -112,19 +112,19 @@ impl Method for PromptedMethod {
     }
 
     fn forecast(&self, plan: &Plan, machine_s: f64) -> Result<Vec<String>, Refused> {
-        self.method.forecast(&without_asking(plan), machine_s)
+        self.method.forecast(&without_prompts(plan), machine_s)
     }
 
     /// The steps keep their numbers, so that messages name the steps by the numbers of the plan.
     fn identify(&self, plan: &Plan, readings: &[Reading]) -> Result<Estimate, IdentifyError> {
         self.method.check_priors(plan)?;
-        self.method.identify(&without_asking(plan), readings)
+        self.method.identify(&without_prompts(plan), readings)
     }
 }
 
 /// The plan without the prompts of the machine file; the other steps keep their numbers.
-fn without_asking(plan: &Plan) -> Cow<'_, Plan> {
-    match ours(plan) {
+fn without_prompts(plan: &Plan) -> Cow<'_, Plan> {
+    match machine_prompt_count(plan) {
         0 => Cow::Borrowed(plan),
         count => {
             let mut moves = plan.clone();
@@ -195,7 +195,7 @@ mod tests {
 
     #[test]
     fn the_method_sees_nothing_of_what_is_asked() {
-        let method = asking(Box::new(Toy), vec!["clean it".to_owned(), "cap off".to_owned()]);
+        let method = with_prompts(Box::new(Toy), vec!["clean it".to_owned(), "cap off".to_owned()]);
         // A process that resumes the run gets the prompts from the plan alone.
         let later = PromptedMethod::silent(Box::new(Toy));
         let (mut plan, mut done, mut readings) = (header(), Vec::new(), Vec::new());

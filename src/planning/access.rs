@@ -16,7 +16,7 @@ use machine::{Axis, Position};
 
 /// Alternatives to each of the four touches round the ball: offset in azimuth, and elevation, degrees. The smallest
 /// offset comes first, because touches on the equator determine the centre best.
-const INSTEAD: [(f64, f64); 12] = [
+const ALTERNATIVE_OFFSETS: [(f64, f64); 12] = [
     (0.0, 0.0),
     (0.0, 15.0),
     (15.0, 0.0),
@@ -37,7 +37,7 @@ pub const POLE: &str = "pole";
 const SPREAD_POINTS: u32 = 90;
 /// Maximum standard deviation of the fitted centre in its worst direction, relative to that of one touch; with all
 /// five touches it is 1.1.
-const WORST: f64 = 3.0;
+const MAX_CENTRE_SD_RATIO: f64 = 3.0;
 
 /// One free touch.
 #[derive(Debug, Clone, PartialEq)]
@@ -140,15 +140,15 @@ impl Access {
         let mut contacts = Vec::new();
         for (name, azimuth) in ROUND {
             let at = |(turn, up): &(f64, f64)| named(name, normal(azimuth + turn, *up));
-            match INSTEAD.iter().map(at).find(|contact| free(contact).is_ok()) {
+            match ALTERNATIVE_OFFSETS.iter().map(at).find(|contact| free(contact).is_ok()) {
                 Some(contact) => contacts.push(contact),
-                None => blocked = blocked.or(free(&at(&INSTEAD[0])).err()),
+                None => blocked = blocked.or(free(&at(&ALTERNATIVE_OFFSETS[0])).err()),
             }
         }
         let pole = named(POLE, normal(0.0, 90.0));
         free(&pole)?;
         contacts.push(pole);
-        let enough = contacts.len() >= 4 && worst_direction(&contacts) <= WORST;
+        let enough = contacts.len() >= 4 && worst_direction(&contacts) <= MAX_CENTRE_SD_RATIO;
         if let (false, Some(why)) = (enough, blocked) {
             return Err(Unreachable::TooFew { free: contacts.len(), why: Box::new(why) });
         }

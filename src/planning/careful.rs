@@ -80,13 +80,13 @@ impl<'a> UnconfirmedApproach<'a> {
         let over = from.only(|axis| matches!(axis, Axis::X | Axis::Y));
         self.straight(path, &over, self.fast());
         if self.first && self.guarded {
-            self.feel_around(path, from);
+            self.probe_surroundings(path, from);
         }
         self.straight(path, &height(self.low_z), self.fast());
     }
 
     /// Makes rounds during the descent, down to the last necessary height; only the stylus moves below that height.
-    fn feel_around(&self, path: &mut Path, from: &Position) {
+    fn probe_surroundings(&self, path: &mut Path, from: &Position) {
         let Some((_, length)) = overhang(self.plan) else { return };
         let levels = (self.top_z - from.at(Axis::Z)) / (SHARE * length);
         for level in 0..levels.max(0.0).ceil() as u32 {

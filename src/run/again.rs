@@ -145,6 +145,6 @@ fn check_state(stored: &StoredRun) -> Result<(), AgainError> {
         RunState::Closed => "is closed",
         _ => "is under way",
     };
-    let way_on = story::way_on(stored, can_resume(&stored.plan, &stored.readings));
+    let way_on = story::next_action(stored, can_resume(&stored.plan, &stored.readings));
     Err(AgainError::NotUnfinished { run, why, way_on })
 }

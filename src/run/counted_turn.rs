@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use super::sweep::{Placed, STILL, thinned};
+use super::sweep::{Placed, REST_TOLERANCE, thinned};
 use crate::setup::EncoderScale;
 use devices::sensors::Sample;
 use machine::{Axis, Position};
@@ -97,8 +97,9 @@ impl CountedTurn<'_> {
         let axis = self.scale.encoder.axis;
         let [start, end] = self.rests;
         let angles = self.angles(samples)?;
-        let is_off =
-            |(_, angle): &(Sample, f64), rest: &Position| (angle - rest.at(axis)).abs() > STILL;
+        let is_off = |(_, angle): &(Sample, f64), rest: &Position| {
+            (angle - rest.at(axis)).abs() > REST_TOLERANCE
+        };
         let sets_out = angles.iter().position(|sample| is_off(sample, start)).unwrap_or_default();
         let arrives = angles.iter().rposition(|sample| is_off(sample, end)).unwrap_or_default();
         let moving = angles.iter().take(arrives + 2).skip(sets_out.saturating_sub(1));

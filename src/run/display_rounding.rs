@@ -5,18 +5,20 @@ use machine::{Axis, Position};
 /// Step of the display of such controls: a thousandth, mm or degrees.
 const STEP: f64 = 1e-3;
 /// Maximum distance to a multiple of the step, in steps: the error of binary rounding.
-const SAME: f64 = 1e-6;
+const ROUNDING_TOLERANCE: f64 = 1e-6;
 /// Maximum difference from the commanded position, in steps: half a step plus the rounding of the written
 /// command.
-const NEAR: f64 = 0.56;
+const MAX_COMMAND_DIFFERENCE: f64 = 0.56;
 
 /// The position `told` by the control. If the value of an axis is the rounded command, the command replaces it,
 /// as it is more precise. Any other value is kept.
 pub(super) fn unrounded(told: &Position, commanded: &Position) -> Position {
     let finer = |(axis, at): (Axis, f64)| {
         let steps = axis.to_edge(at) / STEP;
-        let coarse = (steps - steps.round()).abs() < SAME;
-        let near = |meant: &f64| coarse && (axis.to_edge(*meant) / STEP - steps).abs() < NEAR;
+        let coarse = (steps - steps.round()).abs() < ROUNDING_TOLERANCE;
+        let near = |meant: &f64| {
+            coarse && (axis.to_edge(*meant) / STEP - steps).abs() < MAX_COMMAND_DIFFERENCE
+        };
         (axis, commanded.get(axis).filter(near).unwrap_or(at))
     };
     told.iter().map(finer).collect()

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tokio::sync::oneshot;
 
-use super::priority::{COMPUTING, lower_priority};
+use super::priority::{COMPUTATION_NICE, lower_priority};
 use crate::setup::{MachineFile, SetupError};
 use crate::store::{Journal, RunId, StoreError, StoredRun, sha256};
 use devices::controllers::Halt;
@@ -16,7 +16,7 @@ use machine::record::event::Event;
 use machine::record::plan::Plan;
 use machine::record::reading::Reading;
 use methods::decision;
-use methods::identification::add_sizes;
+use methods::identification::add_sensitivities;
 use methods::{IdentifyError, Method};
 
 /// Polling period for a stop while the identification runs.
@@ -64,7 +64,7 @@ fn compute<T: Send + 'static>(
 ) -> oneshot::Receiver<T> {
     let (answer, result) = oneshot::channel();
     std::thread::spawn(move || {
-        lower_priority(COMPUTING);
+        lower_priority(COMPUTATION_NICE);
         drop(answer.send(computation()));
     });
     result
@@ -159,7 +159,7 @@ pub fn identified(
 ) -> Result<Estimate, IdentifyError> {
     let mut estimate = method.identify(plan, readings)?;
     estimate.measured = ranges(readings);
-    add_sizes(&mut estimate, plan);
+    add_sensitivities(&mut estimate, plan);
     estimate.provenance = provenance(plan, readings);
     estimate.priors = plan.priors.iter().filter_map(|prior| sha256(prior).ok()).collect();
     Ok(estimate)
@@ -219,7 +219,7 @@ pub fn judged(mut estimate: Estimate, tolerance: &[Limit]) -> Estimate {
 mod tests {
     use super::*;
     use crate::archive::plan_for_tests;
-    use crate::archive::story::{how_it_ended, way_on};
+    use crate::archive::story::{how_it_ended, next_action};
     use crate::store::{NewRun, RunState};
 
     #[tokio::test]
@@ -239,6 +239,6 @@ mod tests {
         assert!(ended().contains("not identified: the identification failed: nothing converges ("));
         let stored = journal.load(run).unwrap();
         assert_eq!(stored.summary.state, RunState::NotIdentified);
-        assert!(way_on(&stored, true).unwrap().starts_with("`trued resume 1` identifies it"));
+        assert!(next_action(&stored, true).unwrap().starts_with("`trued resume 1` identifies it"));
     }
 }

@@ -12,7 +12,7 @@ use machine::record::event::Event;
 use machine::record::machine::LiveCheck;
 
 /// Maximum wait for the operator to deflect the stylus, and again to release it.
-const PATIENCE: Duration = Duration::from_secs(60);
+const STYLUS_TIMEOUT: Duration = Duration::from_secs(60);
 const POLL: Duration = Duration::from_millis(20);
 
 impl Run<'_> {
@@ -35,7 +35,7 @@ impl Run<'_> {
                 Ok(None)
             }
             LiveCheck::Person => {
-                let seconds = PATIENCE.as_secs();
+                let seconds = STYLUS_TIMEOUT.as_secs();
                 let text = format!("deflect the stylus by hand and let it go, within {seconds} s");
                 self.note(Event::Announced { text }).await?;
                 self.stylus(true).await?;
@@ -50,7 +50,7 @@ impl Run<'_> {
 
     /// Waits until the probe input is `closed`.
     async fn stylus(&mut self, closed: bool) -> Result<(), RunError> {
-        let deadline = Instant::now() + PATIENCE;
+        let deadline = Instant::now() + STYLUS_TIMEOUT;
         let controller = &self.devices.controller;
         loop {
             if controller.halt().is_halted() {
@@ -60,7 +60,7 @@ impl Run<'_> {
                 return Ok(());
             }
             if Instant::now() > deadline {
-                return Err(RunError::DeadProbe { closed, seconds: PATIENCE.as_secs() });
+                return Err(RunError::DeadProbe { closed, seconds: STYLUS_TIMEOUT.as_secs() });
             }
             sleep(POLL).await;
         }

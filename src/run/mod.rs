@@ -36,7 +36,7 @@ pub use error::RunError;
 pub use identify::{
     Unidentified, identified, identify_stored, judged, start_identification, store_identification,
 };
-pub use priority::{ANSWERING, lower_priority};
+pub use priority::{HTTP_NICE, lower_priority};
 pub use prompts::{Asked, PromptAnswers};
 pub use qualified::{Unqualified, check_probe};
 pub use resume::{Interrupted, can_resume};

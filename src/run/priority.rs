@@ -2,9 +2,9 @@
 //! computations.
 
 /// Nice increment of long computations: proofs and identifications.
-pub const COMPUTING: i32 = 10;
+pub const COMPUTATION_NICE: i32 = 10;
 /// Nice increment of threads that serve pages and other HTTP requests.
-pub const ANSWERING: i32 = 5;
+pub const HTTP_NICE: i32 = 5;
 
 /// Lowers the priority of this thread by `the_run`, a nice increment (nice(2); on Linux it applies to the
 /// thread alone). The priority stays the same where the system refuses.
@@ -22,11 +22,11 @@ mod tests {
     fn the_others_stay_where_they_are() {
         let before = getpriority_process(None).unwrap();
         let stepped = std::thread::spawn(|| {
-            lower_priority(ANSWERING);
+            lower_priority(HTTP_NICE);
             getpriority_process(None).unwrap()
         });
         // 19 is the lowest priority.
-        assert_eq!(stepped.join().unwrap(), (before + ANSWERING).min(19));
+        assert_eq!(stepped.join().unwrap(), (before + HTTP_NICE).min(19));
         assert_eq!(getpriority_process(None).unwrap(), before);
     }
 }

@@ -10,7 +10,7 @@ use super::counted_turn::{CountedTurn, turned_rad};
 use super::display_rounding::unrounded;
 use super::equal_angles;
 use super::scan::{Sampled, reading};
-use super::sweep::{self, Placed, STILL};
+use super::sweep::{self, Placed, REST_TOLERANCE};
 use super::watched_sensors::{Accepts, is_distance};
 use super::{Run, RunError};
 use crate::setup::EncoderScale;
@@ -70,7 +70,7 @@ impl Run<'_> {
         let scale = self.devices.sensors.encoder_scale(sensor)?;
         let axis = scan.turned_axis().filter(|axis| *axis == scale.encoder.axis)?;
         let turned = scan.path.last()?.at(axis) - scan.path.first()?.at(axis);
-        (turned.abs() > STILL).then_some(scale)
+        (turned.abs() > REST_TOLERANCE).then_some(scale)
     }
 
     /// Samples from the first point to the last, each with the position at which it was taken.
@@ -244,7 +244,7 @@ impl Channel {
         let Some((scale, _)) = self.counts else { return true };
         match samples {
             [from, .., to] => {
-                turned_rad(scale, from, to).is_some_and(|turned| turned.abs() <= STILL)
+                turned_rad(scale, from, to).is_some_and(|turned| turned.abs() <= REST_TOLERANCE)
             }
             _ => false,
         }

@@ -2,7 +2,7 @@
 
 use tokio::sync::oneshot;
 
-use super::priority::{COMPUTING, lower_priority};
+use super::priority::{COMPUTATION_NICE, lower_priority};
 use super::prompts::first_question;
 use super::remaining_stages::{Ahead, RehearsedStage};
 use super::{Run, RunError};
@@ -30,18 +30,18 @@ struct Task<B> {
 
 /// Maximum number of motions in a block. The window of a resident program takes 20 rows at once
 /// (docs/resident-program.md).
-const MOST_MOTIONS: usize = 16;
+const MAX_BLOCK_MOTIONS: usize = 16;
 
 /// Dialect of the text, and its transmission to the control.
 #[derive(Clone, Copy)]
-struct Sent<'a> {
+struct ControlText<'a> {
     dialect: &'a Dialect,
     transmission: &'a Transmission,
 }
 
 /// State of the machine at the start of a stage.
 #[derive(Clone)]
-struct Begin {
+struct StageStart {
     stands: Option<Position>,
     confirmed: Confirmed,
 }
@@ -55,8 +55,8 @@ impl Run<'_> {
         stands: Option<Position>,
     ) -> Result<Option<Position>, RunError> {
         let stands = self.ask_first(stage, stands).await?;
-        let begin = Begin { stands: stands.clone(), confirmed: self.confirmed };
-        let sent = Sent { dialect: &self.devices.dialect, transmission: &self.transmission };
+        let begin = StageStart { stands: stands.clone(), confirmed: self.confirmed };
+        let sent = ControlText { dialect: &self.devices.dialect, transmission: &self.transmission };
         let (tasks, proof) = prove(&self.plan, sent, done, stage, begin).await?;
         self.note(Event::StageProven { stage: stage.id, proof }).await?;
         let mut stands = stands;
@@ -159,13 +159,13 @@ pub(super) async fn rehearsed(
 ) -> Result<(Ahead, Vec<Step>), RunError> {
     let mut plan = Plan { steps: Vec::new(), ..plan.clone() };
     let (mut done, mut stages) = (Vec::new(), Vec::new());
-    let mut begin = Begin { stands: None, confirmed: Confirmed::default() };
+    let mut begin = StageStart { stands: None, confirmed: Confirmed::default() };
     while let Next::Stage { stage, new_steps } = method.next(&plan, &done, Source::Nominal)? {
         plan.steps.extend(new_steps);
         if !asked_first(&plan, &stage.steps)?.0.is_empty() {
             begin.confirmed = Confirmed::default();
         }
-        let sent = Sent { dialect, transmission: &Transmission::Rows };
+        let sent = ControlText { dialect, transmission: &Transmission::Rows };
         let (tasks, _) = prove(&plan, sent, &done, &stage, begin.clone()).await?;
         let machine_s = tasks.first().map_or(0.0, |task| task.remaining_s);
         stages.push(RehearsedStage { name: stage.name.clone(), machine_s });
@@ -181,10 +181,10 @@ pub(super) async fn rehearsed(
 /// Plans and proves on a separate thread: a halt must not wait for the proof.
 async fn prove(
     plan: &Plan,
-    sent: Sent<'_>,
+    sent: ControlText<'_>,
     done: &[Stage],
     stage: &Stage,
-    begin: Begin,
+    begin: StageStart,
 ) -> Result<(Vec<Task<ProvenBlock>>, Proof), RunError> {
     let (answer, result) = oneshot::channel();
     let found = done.iter().chain([stage]).rev().find_map(|stage| stage.found.clone());
@@ -192,8 +192,8 @@ async fn prove(
     let transmission = sent.transmission.clone();
     let (stage, name) = (stage.clone(), stage.name.clone());
     std::thread::spawn(move || {
-        lower_priority(COMPUTING);
-        let sent = Sent { dialect: &dialect, transmission: &transmission };
+        lower_priority(COMPUTATION_NICE);
+        let sent = ControlText { dialect: &dialect, transmission: &transmission };
         drop(answer.send(proven(&plan, &stage, found.as_ref(), &begin, sent)));
     });
     result.await.map_err(|_| RunError::ProofGone { stage: name })?
@@ -204,8 +204,8 @@ fn proven(
     plan: &Plan,
     stage: &Stage,
     found: Option<&Artefact>,
-    begin: &Begin,
-    Sent { dialect, transmission }: Sent<'_>,
+    begin: &StageStart,
+    ControlText { dialect, transmission }: ControlText<'_>,
 ) -> Result<(Vec<Task<ProvenBlock>>, Proof), RunError> {
     let tasks = tasks(plan, stage, found, begin)?;
     let blocks: Vec<Block> = tasks.iter().flat_map(|task| task.blocks.iter().cloned()).collect();
@@ -235,10 +235,10 @@ fn parts(step: &Step, mut block: Block) -> Vec<Block> {
     if step.scan.is_some() {
         return vec![block];
     }
-    let way = block.motions.len().saturating_sub(MOST_MOTIONS);
+    let way = block.motions.len().saturating_sub(MAX_BLOCK_MOTIONS);
     let touch = block.motions.split_off(way);
     let part = |motions: &[Motion]| Block { motions: motions.to_vec(), ..block.clone() };
-    block.motions.chunks(MOST_MOTIONS).map(part).chain([part(&touch)]).collect()
+    block.motions.chunks(MAX_BLOCK_MOTIONS).map(part).chain([part(&touch)]).collect()
 }
 
 /// The blocks of a stage. A stage without a path to its start is refused.
@@ -246,10 +246,10 @@ fn tasks(
     plan: &Plan,
     stage: &Stage,
     found: Option<&Artefact>,
-    begin: &Begin,
+    begin: &StageStart,
 ) -> Result<Vec<Task<Block>>, RunError> {
     let clearance = Clearance::known(plan, found)?;
-    let Begin { mut stands, mut confirmed } = begin.clone();
+    let StageStart { mut stands, mut confirmed } = begin.clone();
     let mut tasks = Vec::new();
     let step_of = |id: &u32| plan.steps.iter().find(|step| step.id == *id);
     let (_, moves) = asked_first(plan, &stage.steps)?;

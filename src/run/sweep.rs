@@ -6,9 +6,9 @@ use machine::Position;
 use machine::record::track::Track;
 
 /// Maximum deviation of a controlled axis at rest, mm or rad.
-pub(super) const STILL: f64 = 0.002;
+pub(super) const REST_TOLERANCE: f64 = 0.002;
 /// Maximum ratio of the sensor's rate to the planned rate at which no sample is left out.
-const AS_FAST: f64 = 1.02;
+const MAX_RATE_RATIO: f64 = 1.02;
 const WINDOW: usize = 50;
 /// Maximum distance at which a stamped path has reached a point, mm or rad: the axes lag behind their commands
 /// and stop at the points.
@@ -35,7 +35,7 @@ pub(super) struct Placed {
 
 /// The `samples` taken while the axes of `track` moved, at most `rate_hz` per second.
 pub(super) fn placed(samples: &[Sample], track: &Track, rate_hz: f64) -> Placed {
-    let Some((from_s, to_s)) = track.moving_s(STILL) else { return Placed::default() };
+    let Some((from_s, to_s)) = track.moving_s(REST_TOLERANCE) else { return Placed::default() };
     let moving = samples.iter().filter(|sample| (from_s..=to_s).contains(&sample.t_s));
     let positions = moving.map(|sample| (*sample, track.at(sample.t_s)));
     thinned(&positions.collect::<Vec<_>>(), rate_hz)
@@ -73,7 +73,7 @@ fn share(samples: &[(Sample, Option<Position>)], rate_hz: f64) -> f64 {
     let mut rates: Vec<f64> = samples.chunks(WINDOW).filter_map(own_hz).collect();
     rates.sort_by(f64::total_cmp);
     let own_hz = rates.get(rates.len() / 2).copied().unwrap_or_default();
-    if own_hz > rate_hz * AS_FAST { rate_hz / own_hz } else { 1.0 }
+    if own_hz > rate_hz * MAX_RATE_RATIO { rate_hz / own_hz } else { 1.0 }
 }
 
 #[cfg(test)]

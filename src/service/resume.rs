@@ -6,7 +6,7 @@ use super::ServeError;
 use super::captures::Begun;
 use super::cycle_failure::CycleFailure;
 use super::machine_state::{Refusal, State};
-use super::run_events::Progress;
+use super::run_events::RunEvents;
 use super::worker::MachineWorker;
 use super::worker_command::Acknowledgement;
 use crate::run::{AgainError, ResumableRun};
@@ -77,8 +77,8 @@ impl MachineWorker {
     ) -> Result<(RunId, Estimate), CycleFailure> {
         let opening = setup::devices(&again.machine, self.pace, again.past());
         let (devices, capture) = self.open(opening).await?;
-        let mut progress = Progress { whole_s: 0.0, percent: 0 };
-        let mut tell = |event: &Event| self.handle_event(event, &mut progress);
+        let mut events = RunEvents::new(&self.gate, &self.log, self.patience());
+        let mut tell = |event: &Event| events.publish(event);
         capture.iter().for_each(|capture| capture.is_of(again.stored().summary.id));
         let readings = again.stored().readings.iter();
         let kept: BTreeSet<_> = readings.map(|reading| (reading.step, reading.repeat)).collect();

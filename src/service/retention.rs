@@ -79,11 +79,11 @@ fn sweep(
     log: &Log,
 ) -> Result<(), StoreError> {
     let age = SignedDuration::from_hours(24 * i64::from(keep_days));
-    for run in journal.outlived(Timestamp::now() - age)? {
+    for run in journal.runs_with_expired_samples(Timestamp::now() - age)? {
         if busy() {
             return Ok(());
         }
-        let scans = journal.forget_scans(run)?;
+        let scans = journal.remove_scan_samples(run)?;
         if scans > 0 {
             log.say(&format!("run {run}: the samples of {scans} scans are removed"));
         }

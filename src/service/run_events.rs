@@ -1,21 +1,34 @@
 //! Publishes the events of a run in the log and in the machine state.
 
+use std::time::Duration;
+
 use tracing::debug;
 
+use super::Log;
+use super::command_gate::CommandGate;
 use super::machine_state::MachineState;
-use super::worker::MachineWorker;
 use crate::run::Asked;
 use machine::record::event::Event;
 
-/// Progress of a run, %; it decreases only if the remaining time exceeds the previous total.
-pub(super) struct Progress {
-    pub(super) whole_s: f64,
-    pub(super) percent: u16,
+/// Receiver of the events of one run.
+pub(super) struct RunEvents<'a> {
+    gate: &'a CommandGate,
+    log: &'a Log,
+    /// Maximum time to the next event.
+    patience: Duration,
+    /// Longest machine time left that the run has stated, s.
+    whole_s: f64,
+    /// Progress, %; it decreases only if the remaining time exceeds `whole_s`.
+    percent: u16,
 }
 
-impl MachineWorker {
-    pub(super) fn handle_event(&self, event: &Event, progress: &mut Progress) {
-        self.gate.heartbeat().beat(self.patience());
+impl<'a> RunEvents<'a> {
+    pub(super) fn new(gate: &'a CommandGate, log: &'a Log, patience: Duration) -> Self {
+        Self { gate, log, patience, whole_s: 0.0, percent: 0 }
+    }
+
+    pub(super) fn publish(&mut self, event: &Event) {
+        self.gate.heartbeat().beat(self.patience);
         match event {
             Event::Announced { text } => self.log.say(text),
             Event::StageStarted { stage } => {
@@ -24,7 +37,7 @@ impl MachineWorker {
             }
             Event::StepStarted { step, remaining_s, label, .. } => {
                 debug!(step, "{label}");
-                let percent = progress.at(*remaining_s);
+                let percent = self.progress(*remaining_s);
                 self.gate.update(|machine_state: &mut MachineState| {
                     machine_state.progress_percent = percent;
                     machine_state.remaining_s = Some(*remaining_s);
@@ -49,11 +62,9 @@ impl MachineWorker {
             _ => {}
         }
     }
-}
 
-impl Progress {
     /// Progress, %; 100 is reserved for the end.
-    fn at(&mut self, remaining_s: f64) -> u16 {
+    fn progress(&mut self, remaining_s: f64) -> u16 {
         if remaining_s > self.whole_s {
             // After a stop, the reference checks run on their own; the remaining time is known only after them.
             (self.whole_s, self.percent) = (remaining_s, 0);

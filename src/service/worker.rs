@@ -19,7 +19,7 @@ use super::identify::Identifications;
 use super::last_run::unfinished;
 use super::machine_state::{Failure, State};
 use super::metrics::{Metrics, Outcome};
-use super::run_events::Progress;
+use super::run_events::RunEvents;
 use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{Ended, Log, ServeError, schedule, triggers};
 use crate::run::{self, CycleError, Unidentified};
@@ -310,8 +310,8 @@ impl MachineWorker {
         let (method, plan) = setup::header(&self.machine, method, *repeat)?;
         let opening = setup::devices(&self.machine, self.pace, RunHistory::default());
         let (devices, capture) = self.open(opening).await?;
-        let mut progress = Progress { whole_s: 0.0, percent: 0 };
-        let mut tell = |event: &Event| self.handle_event(event, &mut progress);
+        let mut events = RunEvents::new(&self.gate, &self.log, self.patience());
+        let mut tell = |event: &Event| events.publish(event);
         let begun = |id: RunId| {
             Span::current().record("run", id.0);
             self.log.say(&format!("run {id} begins"));

@@ -68,7 +68,7 @@ pub fn header(
         sensors: required.into_iter().cloned().collect(),
         ..without_steps(file, name, method.settings())
     };
-    Ok((methods::asking(method, asked), plan))
+    Ok((methods::with_prompts(method, asked), plan))
 }
 
 /// A plan without steps for the machine and its artefact; `what` is the name of the purpose.

@@ -15,7 +15,7 @@ use tokio::time::{Instant, sleep};
 use estimation::random::stream;
 
 /// Last byte of a line at which a fault may begin; in a shorter line the fault is at the line's end.
-const FARTHEST: u64 = 40;
+const MAX_FAULT_BYTE: u64 = 40;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
@@ -77,7 +77,7 @@ impl BadWire {
             // Exponential gaps: faults are random events, and neighbouring lines may both have one.
             let gap = -(1.0 - draw.random::<f64>()).ln() * wire.spacing;
             line = u64::saturating_add(line, 1).saturating_add(gap as u64);
-            let byte = draw.random_range(0..FARTHEST);
+            let byte = draw.random_range(0..MAX_FAULT_BYTE);
             let pause = wire.longest_delay.mul_f64(draw.random::<f64>());
             let harm = match draw.random_range(0..17) {
                 0 | 1 => WireFault::Delay(pause),

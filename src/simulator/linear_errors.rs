@@ -28,7 +28,7 @@ impl RandomFunction {
     const WAVES: usize = 64;
     /// Maximum number of knots on either side of zero: more than a metre at the shortest correlation length,
     /// whatever the axis limits. Beyond it the sum of cosines is evaluated.
-    const MOST_KNOTS: f64 = 20_000.0;
+    const MAX_KNOTS_PER_SIDE: f64 = 20_000.0;
 
     fn draw(seed: u64, key: &[u64], sigma: f64, length: f64) -> Self {
         if sigma == 0.0 {
@@ -49,7 +49,7 @@ impl RandomFunction {
     /// The same function, tabulated within `reach` of zero, mm.
     fn tabulated(mut self, reach: f64) -> Self {
         if !self.waves.is_empty() {
-            let half = (reach / self.pitch).ceil().min(Self::MOST_KNOTS) as i64;
+            let half = (reach / self.pitch).ceil().min(Self::MAX_KNOTS_PER_SIDE) as i64;
             let knot = |i: i64| {
                 let x = i as f64 * self.pitch;
                 let slope: f64 = self.waves.iter().map(|(w, p)| -w * (w * x + p).sin()).sum();
@@ -101,7 +101,7 @@ impl LinearErrors {
     }
 
     /// Adds squareness errors of standard deviation `sigma` for each pair of axes, rad.
-    pub fn askew(self, seed: u64, sigma: f64) -> Self {
+    pub fn with_squareness_errors(self, seed: u64, sigma: f64) -> Self {
         let draw = |pair| sigma * first_normal(seed, Source::Squareness, &[pair]);
         Self { square: Vector3::new(draw(0), draw(1), draw(2)), ..self }
     }

@@ -8,9 +8,9 @@ use machine::record::question::{Answer, AxisDirection, Jog, Question, Seen, Styl
 use machine::{Axis, Position};
 
 /// Smallest motion that the operator sees, mm or degrees.
-const VISIBLE: f64 = 0.05;
+const MIN_VISIBLE_MOTION: f64 = 0.05;
 /// Resolution of a distance that the operator judges by eye, mm or degrees.
-const BY_EYE: f64 = 0.1;
+const VISUAL_RESOLUTION: f64 = 0.1;
 
 pub struct SimulatedOperator {
     world: Arc<Mutex<World>>,
@@ -51,7 +51,8 @@ impl SimulatedOperator {
     /// Whether the display agrees with the position that the control reports.
     fn shows(&self, told: &Position) -> Answer {
         let shown = self.world().position();
-        let differs = |(axis, at): (Axis, f64)| axis.to_edge(at - shown.at(axis)).abs() > VISIBLE;
+        let differs =
+            |(axis, at): (Axis, f64)| axis.to_edge(at - shown.at(axis)).abs() > MIN_VISIBLE_MOTION;
         if told.iter().any(differs) { Answer::No } else { Answer::Yes }
     }
 
@@ -63,7 +64,7 @@ impl SimulatedOperator {
         }
         let freed = |direction: &AxisDirection| {
             let (axis, mut tried) = (direction.axis, world.clone());
-            let by = if direction.is_positive { BY_EYE } else { -BY_EYE };
+            let by = if direction.is_positive { VISUAL_RESOLUTION } else { -VISUAL_RESOLUTION };
             tried.travel(&Position::new().with(axis, tried.position().at(axis) + by), Speed::Rapid);
             tried.margin_here()
         };
@@ -78,12 +79,12 @@ impl SimulatedOperator {
         let stands = self.world().true_axes();
         let gone = stands.iter().map(|(axis, at)| (axis, axis.to_edge(at - self.before.at(axis))));
         let farthest = gone.max_by(|one, other| one.1.abs().total_cmp(&other.1.abs()));
-        match farthest.filter(|(_, by)| by.abs() > VISIBLE) {
+        match farthest.filter(|(_, by)| by.abs() > MIN_VISIBLE_MOTION) {
             None => Seen::Nothing,
             Some((axis, _)) if axis != jog.axis => Seen::Another(axis),
-            Some((_, by)) if (by - jog.by).abs() <= BY_EYE => Seen::AsSaid,
-            Some((_, by)) if (by + jog.by).abs() <= BY_EYE => Seen::OtherWay,
-            Some((_, by)) => Seen::Distance((by / BY_EYE).round() * BY_EYE),
+            Some((_, by)) if (by - jog.by).abs() <= VISUAL_RESOLUTION => Seen::AsSaid,
+            Some((_, by)) if (by + jog.by).abs() <= VISUAL_RESOLUTION => Seen::OtherWay,
+            Some((_, by)) => Seen::Distance((by / VISUAL_RESOLUTION).round() * VISUAL_RESOLUTION),
         }
     }
 

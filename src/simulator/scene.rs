@@ -56,7 +56,8 @@ impl Scene {
         let travel = |axis| machine.axes.get(&axis).map_or(0.0, |s| s.max.abs().max(s.min.abs()));
         let linear_errors =
             LinearErrors::draw(seed, Axis::LINEAR.map(motions)).tabulated(Axis::LINEAR.map(travel));
-        let linear_errors = linear_errors.askew(seed, machine.squareness_urad * 1e-6);
+        let linear_errors =
+            linear_errors.with_squareness_errors(seed, machine.squareness_urad * 1e-6);
         let angular = |axis| {
             let spec = machine.axes.get(&axis);
             spec.map_or([0.0, 1.0], |s| [s.angular_motion_urad * 1e-6, s.error_wavelength_mm])

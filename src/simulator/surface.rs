@@ -41,7 +41,7 @@ impl Surface {
             }
             Artefact::None => {
                 truth.of_a_round_part()?;
-                truth.of_no_form()?;
+                truth.reject_form_keys()?;
                 Ok(Self::Empty)
             }
         }

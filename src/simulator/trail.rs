@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::path::Path;
 
 /// Number of moves that are kept.
-const KEPT: usize = 64;
+const MAX_STORED_MOVES: usize = 64;
 
 /// The last moves, in the order of time.
 #[derive(Debug, Clone, Default)]
@@ -23,7 +23,7 @@ struct Move {
 
 impl MotionHistory {
     pub fn went(&mut self, begins_s: f64, path: &Path, ends: f64) {
-        if self.moves.len() == KEPT {
+        if self.moves.len() == MAX_STORED_MOVES {
             self.moves.pop_front();
         }
         self.moves.push_back(Move { begins_s, path: path.clone(), ends });

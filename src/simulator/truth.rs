@@ -172,7 +172,7 @@ impl Truth {
     }
 
     /// Rejects keys that apply to a round part only.
-    pub(super) fn of_no_form(&self) -> Result<(), WorldError> {
+    pub(super) fn reject_form_keys(&self) -> Result<(), WorldError> {
         let form = ("form", !self.form.is_empty());
         let rough = ("roughness_um", self.roughness_um != 0.0);
         let stated = [form, rough].into_iter().filter(|(_, there)| *there).map(|(key, _)| key);
@@ -181,7 +181,7 @@ impl Truth {
 
     /// Rejects keys that apply to a round part only, and unknown balls.
     pub(super) fn of_balls(&self, balls: &Balls) -> Result<(), WorldError> {
-        self.of_no_form()?;
+        self.reject_form_keys()?;
         let named = self.ball.iter().map(|ball| &ball.id);
         let mut named = named.chain(self.ball_moves.iter().map(|moved| &moved.ball));
         match named.find(|id| balls.balls.iter().all(|ball| ball.id != **id)) {

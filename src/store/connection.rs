@@ -11,14 +11,14 @@ use rusqlite::{Connection, OpenFlags};
 use super::{Fault, checksum, identity, migration, schema};
 
 /// Maximum wait of a writer for another process that writes.
-const PATIENCE: Duration = Duration::from_secs(10);
+const WRITER_TIMEOUT: Duration = Duration::from_secs(10);
 /// Maximum wait of a process that migrates an older journal until other processes have closed it.
 const PATIENCE_FOR_OTHERS: Duration = Duration::from_secs(1);
 const RETRY: Duration = Duration::from_millis(5);
 
 /// The writing connection: write-ahead log, synced at every commit, foreign keys, current tables.
 pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
-    let mut connection = patiently(PATIENCE_FOR_OTHERS, || open_sound(path))?;
+    let mut connection = retry_while_busy(PATIENCE_FOR_OTHERS, || open_verified(path))?;
     connection.pragma_update(None, "synchronous", "FULL")?;
     // Half a megabyte: a journal grows for years, its page cache should not.
     connection.pragma_update(None, "cache_size", -512)?;
@@ -26,7 +26,7 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
     connection.pragma_update(None, "foreign_keys", false)?;
     migration::migrate(&mut connection, path)?;
     connection.pragma_update(None, "foreign_keys", true)?;
-    let mode = patiently(PATIENCE, || journal_mode(&connection, "WAL"))?;
+    let mode = retry_while_busy(WRITER_TIMEOUT, || journal_mode(&connection, "WAL"))?;
     if mode != "wal" {
         return Err(Fault::NoLog { mode });
     }
@@ -36,7 +36,7 @@ pub(super) fn open_writer(path: &Path) -> Result<Connection, Fault> {
 
 /// A connection to an accepted journal. For an older journal it must be the only connection: a process of an
 /// older version would write rows without checksums into the new tables.
-fn open_sound(path: &Path) -> Result<Connection, Fault> {
+fn open_verified(path: &Path) -> Result<Connection, Fault> {
     let (connection, format) = open_unchanged(path, OpenFlags::default())?;
     if format >= identity::FIRST_MARKED {
         checksum::verify_heads(&connection)?;
@@ -61,7 +61,7 @@ pub(super) fn open_source(path: &Path) -> Result<(Connection, i64), Fault> {
 pub(super) fn open_reader(path: &Path) -> Result<Connection, Fault> {
     let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
     let connection = Connection::open_with_flags(path, flags)?;
-    connection.busy_timeout(PATIENCE)?;
+    connection.busy_timeout(WRITER_TIMEOUT)?;
     checksum::add_function(&connection)?;
     Ok(connection)
 }
@@ -73,10 +73,10 @@ fn open_unchanged(path: &Path, flags: OpenFlags) -> Result<(Connection, i64), Fa
     log.push("-wal");
     let has_log = fs::metadata(log).is_ok_and(|log| log.len() > 0);
     let connection = Connection::open_with_flags(path, flags)?;
-    connection.busy_timeout(PATIENCE)?;
+    connection.busy_timeout(WRITER_TIMEOUT)?;
     connection.set_db_config(DbConfig::SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, has_log)?;
     checksum::add_function(&connection)?;
-    let format = patiently(PATIENCE, || identity::identify(&connection))?;
+    let format = retry_while_busy(WRITER_TIMEOUT, || identity::identify(&connection))?;
     Ok((connection, format))
 }
 
@@ -86,7 +86,10 @@ fn journal_mode(connection: &Connection, mode: &str) -> Result<String, Fault> {
 
 /// Retries while SQLite reports the file as busy without waiting for `busy_timeout`, which happens when two
 /// connections switch the journal mode at once.
-fn patiently<T>(patience: Duration, attempt: impl Fn() -> Result<T, Fault>) -> Result<T, Fault> {
+fn retry_while_busy<T>(
+    patience: Duration,
+    attempt: impl Fn() -> Result<T, Fault>,
+) -> Result<T, Fault> {
     let until = Instant::now() + patience;
     loop {
         match attempt() {

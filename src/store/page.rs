@@ -141,7 +141,7 @@ fn readings(
 fn newest(connection: &Connection, machine: &str) -> Result<Option<LatestResult>, Fault> {
     /// The needed fields of the estimate's JSON.
     #[derive(Deserialize)]
-    struct Said {
+    struct EstimateSummary {
         verdict: Verdict,
         parameters: Vec<Parameter>,
     }
@@ -151,7 +151,7 @@ fn newest(connection: &Connection, machine: &str) -> Result<Option<LatestResult>
          WHERE machine = ?1 AND state = ?2 ORDER BY runs.id DESC LIMIT 1",
         params![machine, RunState::Finished.as_str()],
         |row| {
-            let Said { verdict, parameters } = columns::from_json(row, 2)?;
+            let EstimateSummary { verdict, parameters } = columns::from_json(row, 2)?;
             let (run, ended) = (RunId(row.get(0)?), columns::parsed(row, 1)?);
             Ok(LatestResult { run, ended, verdict, parameters })
         },

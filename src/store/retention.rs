@@ -13,8 +13,8 @@ impl Journal {
     ///
     /// # Errors
     /// The journal cannot be read.
-    pub fn outlived(&self, before: Timestamp) -> Result<Vec<RunId>, StoreError> {
-        self.look(|connection| outlived(connection, before))
+    pub fn runs_with_expired_samples(&self, before: Timestamp) -> Result<Vec<RunId>, StoreError> {
+        self.look(|connection| runs_with_expired_samples(connection, before))
     }
 
     /// Removes the samples of `run`'s scans, one scan per transaction, so that a touch waits for one removal at
@@ -22,7 +22,7 @@ impl Journal {
     ///
     /// # Errors
     /// The journal cannot be written.
-    pub fn forget_scans(&self, run: RunId) -> Result<u32, StoreError> {
+    pub fn remove_scan_samples(&self, run: RunId) -> Result<u32, StoreError> {
         let scans = self.look(|connection| scans(connection, run))?;
         if scans == 0 {
             return Ok(0);
@@ -33,7 +33,10 @@ impl Journal {
     }
 }
 
-fn outlived(connection: &Connection, before: Timestamp) -> Result<Vec<RunId>, Fault> {
+fn runs_with_expired_samples(
+    connection: &Connection,
+    before: Timestamp,
+) -> Result<Vec<RunId>, Fault> {
     let runs = read::runs(connection)?.into_iter();
     let old = runs.filter(|run| {
         run.state == RunState::Finished && run.ended.is_some_and(|ended| ended < before)

@@ -12,7 +12,7 @@
 //!   - requests for input registers (the status) except the first one;
 //!
 //!   of the replies all but the last status before each write of `sequence`. It is written without head, heartbeat
-//! and tail, which count, and with the two times after the other registers.
+//!   and tail, which count, and with the two times after the other registers.
 //! - `samples`: everything.
 
 use std::collections::BTreeMap;

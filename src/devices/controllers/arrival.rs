@@ -7,12 +7,16 @@ use machine::{Axis, Position};
 
 /// Largest distance from the target at which a control counts as arrived, mm or degrees: coarser than a
 /// step of any machine that can measure, and too small to cause a collision.
-const ARRIVED: f64 = 0.02;
+const ARRIVAL_TOLERANCE: f64 = 0.02;
 
 /// Largest permitted distance of an axis from its target, mm or rad.
 pub(in crate::controllers) fn tolerance(axis: Axis, spec: Option<&AxisSpec>) -> f64 {
     let step_mm = spec.map_or(0.0, |spec| spec.resolution_um * 1e-3);
-    if axis.is_linear() { ARRIVED.max(2.0 * step_mm) } else { axis.from_edge(ARRIVED) }
+    if axis.is_linear() {
+        ARRIVAL_TOLERANCE.max(2.0 * step_mm)
+    } else {
+        axis.from_edge(ARRIVAL_TOLERANCE)
+    }
 }
 
 /// Error that names the axis of `target` with the largest deviation, if any axis is out of tolerance.
@@ -32,7 +36,7 @@ pub(in crate::controllers) fn astray(
 }
 
 /// Error if the contact is not between the start of the probing move and its rest position, axis by axis.
-pub(in crate::controllers) fn off_the_way(
+pub(in crate::controllers) fn contact_off_path(
     from: &Position,
     rest: &Position,
     contact: &Position,

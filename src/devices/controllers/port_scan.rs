@@ -91,7 +91,7 @@ fn wrong_kind(known: &str, kind: &str, said: &str, keys: &str) -> Diagnosis {
 }
 
 /// Suspected cause if no known control answers at `at`.
-pub(in crate::controllers) fn nobody(at: &str, because: &str) -> Diagnosis {
+pub(in crate::controllers) fn no_known_device(at: &str, because: &str) -> Diagnosis {
     Diagnosis {
         seen: false,
         vague: false,

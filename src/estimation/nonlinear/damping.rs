@@ -4,15 +4,15 @@ use super::super::schur::{Factored, Rows, factor, held};
 use super::{Model, Place, square_sum};
 
 /// Initial value of λ.
-const FIRST: f64 = 1e-3;
+const INITIAL_LAMBDA: f64 = 1e-3;
 /// Fraction of the scale of an unknown that is kept from one iterate to the next.
 const MEMORY: f64 = 0.7;
 /// Step of the finite differences for the curvature, relative to the step (Transtrum and Sethna 2012).
 const PROBE: f64 = 0.1;
 /// Largest curvature correction, relative to the step.
-const BENT: f64 = 0.75;
+const MAX_CURVATURE_RATIO: f64 = 0.75;
 /// A step is accepted if χ² decreases by more than this fraction of the predicted decrease.
-const KEPT: f64 = 1e-4;
+const MIN_GAIN_RATIO: f64 = 1e-4;
 /// Largest λ. Beyond it the step is smaller than the rounding of the unknowns.
 const LARGEST: f64 = 1e30;
 
@@ -28,7 +28,7 @@ pub(super) struct Damping {
 
 impl Damping {
     pub(super) fn new() -> Self {
-        Self { lambda: FIRST, growth: 2.0, scale: Vec::new() }
+        Self { lambda: INITIAL_LAMBDA, growth: 2.0, scale: Vec::new() }
     }
 
     /// The next iterate with a smaller χ², or `None` if no step decreases χ². `tangent` is the model linearised at
@@ -52,14 +52,14 @@ impl Damping {
                     square_sum(&coordinates) + self.lambda * self.length(&velocity).powi(2);
                 let gain = (at.chi2 - next.chi2) / promise;
                 // The comparison rejects NaN.
-                if gain > KEPT {
+                if gain > MIN_GAIN_RATIO {
                     self.relax(gain);
                     return Some(next);
                 }
             }
             self.harden();
         }
-        self.lambda = FIRST;
+        self.lambda = INITIAL_LAMBDA;
         None
     }
 
@@ -89,8 +89,8 @@ impl Damping {
         let sides = probe(PROBE).into_iter().zip(probe(-PROBE)).zip(&at.residuals);
         let second: Vec<f64> =
             sides.map(|((ahead, behind), r)| (ahead - 2.0 * r + behind) / PROBE.powi(2)).collect();
-        let bent = held.solve_held(&second);
-        let mild = 2.0 * self.length(&bent) <= BENT * self.length(velocity);
+        let bent = held.solve_damped(&second);
+        let mild = 2.0 * self.length(&bent) <= MAX_CURVATURE_RATIO * self.length(velocity);
         mild.then(|| velocity.iter().zip(&bent).map(|(v, a)| v + 0.5 * a).collect())
     }
 

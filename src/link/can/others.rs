@@ -7,10 +7,10 @@ use super::Id;
 
 /// Silence of the own identifier after which the socket accepts other identifiers, and the time for which it does
 /// so.
-const SILENCE: Duration = Duration::from_millis(300);
-const LISTEN: Duration = Duration::from_secs(1);
+const OWN_ID_SILENCE: Duration = Duration::from_millis(300);
+const ACCEPT_ALL_TIME: Duration = Duration::from_secs(1);
 /// Maximum number of reported identifiers.
-const MOST: usize = 8;
+const MAX_REPORTED_IDS: usize = 8;
 
 /// Which identifiers the socket accepts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -51,11 +51,13 @@ impl ForeignIdDetector {
     /// Returns the filter that must be set because of the elapsed time; `None` if it stays.
     pub fn passed(&mut self, now: Instant) -> Option<IdFilterChange> {
         match self.ears {
-            IdFilterState::Own if now - self.since >= SILENCE => {
+            IdFilterState::Own if now - self.since >= OWN_ID_SILENCE => {
                 (self.ears, self.since) = (IdFilterState::All, now);
                 Some(IdFilterChange::All)
             }
-            IdFilterState::All if now - self.since >= LISTEN || self.told.len() == MOST => {
+            IdFilterState::All
+                if now - self.since >= ACCEPT_ALL_TIME || self.told.len() == MAX_REPORTED_IDS =>
+            {
                 self.ears = IdFilterState::CanEvent;
                 Some(IdFilterChange::Own)
             }
@@ -65,8 +67,9 @@ impl ForeignIdDetector {
 
     /// Records a frame of another identifier. Returns whether it must be reported.
     pub fn is_news(&mut self, id: Id) -> bool {
-        let news =
-            self.ears == IdFilterState::All && self.told.len() < MOST && !self.told.contains(&id);
+        let news = self.ears == IdFilterState::All
+            && self.told.len() < MAX_REPORTED_IDS
+            && !self.told.contains(&id);
         if news {
             self.told.push(id);
         }
@@ -96,7 +99,7 @@ mod tests {
         assert_eq!(others.own(at(9301)), Some(IdFilterChange::Own), "at once");
         // On a busy bus, the socket accepts other identifiers only until enough are found.
         assert_eq!(others.passed(at(9601)), Some(IdFilterChange::All));
-        assert_eq!((0..20).filter(|raw| others.is_news(id(*raw))).count(), MOST);
+        assert_eq!((0..20).filter(|raw| others.is_news(id(*raw))).count(), MAX_REPORTED_IDS);
         assert_eq!(others.passed(at(9602)), Some(IdFilterChange::Own));
     }
 }

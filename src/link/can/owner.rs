@@ -9,7 +9,7 @@ use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
 
 use super::others::{ForeignIdDetector, IdFilterChange};
-use super::socket::{self, PAUSE, listening};
+use super::socket::{self, SOCKET_READ_TIMEOUT, listening};
 use super::stamp::Stamps;
 use super::trouble::ErrorFrameClass;
 use super::{CanError, CanEvent, Frame, Id, WAITING_FRAMES, interfaces};
@@ -114,7 +114,7 @@ impl Owner {
             {
                 return Some(socket);
             }
-            std::thread::sleep(PAUSE);
+            std::thread::sleep(SOCKET_READ_TIMEOUT);
         }
         None
     }

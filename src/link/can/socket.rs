@@ -10,7 +10,7 @@ use socketcan::{
 use super::{CanError, Id};
 
 /// Interval at which the thread checks whether the handle is dropped, or whether the interface is up again.
-pub(super) const PAUSE: Duration = Duration::from_millis(100);
+pub(super) const SOCKET_READ_TIMEOUT: Duration = Duration::from_millis(100);
 /// Requested size of the kernel's receive buffer, bytes; the kernel may grant less.
 const KEPT_BY_KERNEL: usize = 1 << 20;
 /// Flags and masks of the identifier word, from the kernel's `can.h`.
@@ -33,7 +33,7 @@ pub(super) fn listening(interface: &str, id: Id) -> Result<CanSocket, CanError> 
         only(&socket, id)?;
         socket.set_error_filter_accept_all()?;
         socket.set_recv_timestamp(true)?;
-        socket.set_read_timeout(PAUSE)?;
+        socket.set_read_timeout(SOCKET_READ_TIMEOUT)?;
         socket.as_raw_socket().set_recv_buffer_size(KEPT_BY_KERNEL)
     };
     match set() {

@@ -13,9 +13,9 @@ use super::{Framing, Line, ModbusError, Settings};
 use crate::wiring::Wired;
 
 /// Maximum time for which a hold waits for a pending TCP reply.
-const GRACE: Duration = Duration::from_millis(20);
+const HOLD_REPLY_WAIT: Duration = Duration::from_millis(20);
 /// Maximum number of test reads that check whether the line is clear, before one request.
-const CLEARINGS: usize = 3;
+const MAX_CLEAR_READS: usize = 3;
 
 /// The connection, and the replies that it still owes.
 pub(super) struct Exchange {
@@ -54,7 +54,7 @@ impl Exchange {
         settings: &Settings,
         inbox: &mut Inbox,
     ) -> Result<Vec<u16>, ModbusError> {
-        self.quieten().await?;
+        self.wait_for_silence().await?;
         self.clear(ask, settings, inbox).await?;
         self.send(ask, settings, inbox).await
     }
@@ -62,13 +62,13 @@ impl Exchange {
     /// Like `perform`, without clearing the line first: a hold does not wait.
     pub(super) async fn perform_now(&mut self, ask: &Ask, settings: &Settings, inbox: &mut Inbox) {
         // Only the device can show whether the write has arrived.
-        if self.quieten().await.is_ok() {
+        if self.wait_for_silence().await.is_ok() {
             let _ = self.send(ask, settings, inbox).await;
         }
     }
 
     /// Opens the connection if necessary, and waits until the line is silent.
-    async fn quieten(&mut self) -> Result<(), ModbusError> {
+    async fn wait_for_silence(&mut self) -> Result<(), ModbusError> {
         if let Some(wire) = &mut self.wire {
             let drained = match self.line.framing {
                 Framing::Rtu => wire.drain(self.line.silence()).await,
@@ -121,12 +121,12 @@ impl Exchange {
     ) -> Result<(), ModbusError> {
         let unit = settings.unit;
         let mut why = String::new();
-        for _ in 0..CLEARINGS {
+        for _ in 0..MAX_CLEAR_READS {
             if !self.is_owed_by(unit) {
                 return Ok(());
             }
             let Some(probe) = self.probe(settings) else {
-                self.wait_out(settings, inbox).await;
+                self.wait_for_owed_replies(settings, inbox).await;
                 if inbox.has_come() {
                     why = "a hold goes first".to_owned();
                     break;
@@ -153,7 +153,7 @@ impl Exchange {
 
     /// Waits for a long silence, because no test read can distinguish the owed replies. An urgent write ends the
     /// wait.
-    async fn wait_out(&mut self, settings: &Settings, inbox: &mut Inbox) {
+    async fn wait_for_owed_replies(&mut self, settings: &Settings, inbox: &mut Inbox) {
         self.wire.iter().for_each(Wire::hush);
         self.wait_quietly(settings.timeout, inbox).await;
         if !inbox.has_come() {
@@ -254,7 +254,7 @@ impl Exchange {
         };
         let hurry = async {
             inbox.come().await;
-            sleep(GRACE).await;
+            sleep(HOLD_REPLY_WAIT).await;
         };
         // Dropping a call here drops its context too.
         tokio::select! {
@@ -262,7 +262,7 @@ impl Exchange {
             replied = timeout(settings.timeout, context.call(ask.request())) => {
                 replied.map_or(End::Late(settings.timeout), End::Replied)
             }
-            () = hurry, if framing == Framing::Tcp => End::Late(GRACE),
+            () = hurry, if framing == Framing::Tcp => End::Late(HOLD_REPLY_WAIT),
         }
     }
 

@@ -4,16 +4,16 @@ use std::collections::VecDeque;
 
 use tokio::sync::mpsc;
 
-use super::Ahead;
+use super::UrgentWrite;
 
 /// Queue of urgent writes, which can be checked during a request.
 pub(super) struct Inbox {
-    queue: mpsc::UnboundedReceiver<Ahead>,
-    waiting: VecDeque<Ahead>,
+    queue: mpsc::UnboundedReceiver<UrgentWrite>,
+    waiting: VecDeque<UrgentWrite>,
 }
 
 impl Inbox {
-    pub(super) fn new(queue: mpsc::UnboundedReceiver<Ahead>) -> Self {
+    pub(super) fn new(queue: mpsc::UnboundedReceiver<UrgentWrite>) -> Self {
         Self { queue, waiting: VecDeque::new() }
     }
 
@@ -36,7 +36,7 @@ impl Inbox {
     }
 
     /// Removes the oldest urgent write.
-    pub(super) fn pop(&mut self) -> Option<Ahead> {
+    pub(super) fn pop(&mut self) -> Option<UrgentWrite> {
         self.waiting.pop_front()
     }
 }

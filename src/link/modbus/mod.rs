@@ -72,14 +72,14 @@ pub struct Modbus {
     name: String,
     settings: Arc<Settings>,
     jobs: mpsc::UnboundedSender<Job>,
-    urgent: mpsc::UnboundedSender<Ahead>,
+    urgent: mpsc::UnboundedSender<UrgentWrite>,
 }
 
 /// Weak reference to an open line; does not keep the line open.
 pub(super) struct WeakModbus {
     name: String,
     jobs: mpsc::WeakUnboundedSender<Job>,
-    urgent: mpsc::WeakUnboundedSender<Ahead>,
+    urgent: mpsc::WeakUnboundedSender<UrgentWrite>,
 }
 
 impl WeakModbus {
@@ -99,7 +99,7 @@ impl WeakModbus {
 pub struct Urgent {
     ask: Ask,
     settings: Arc<Settings>,
-    queue: mpsc::UnboundedSender<Ahead>,
+    queue: mpsc::UnboundedSender<UrgentWrite>,
 }
 
 struct Job {
@@ -111,7 +111,7 @@ struct Job {
     answer: oneshot::Sender<Result<Vec<u16>, ModbusError>>,
 }
 
-struct Ahead {
+struct UrgentWrite {
     ask: Ask,
     settings: Arc<Settings>,
     last: bool,
@@ -130,7 +130,7 @@ impl Urgent {
 
     fn queue(&self, last: bool) {
         let (ask, settings) = (self.ask.clone(), self.settings.clone());
-        let _ = self.queue.send(Ahead { ask, settings, last });
+        let _ = self.queue.send(UrgentWrite { ask, settings, last });
     }
 }
 

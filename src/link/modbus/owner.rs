@@ -7,14 +7,14 @@ use tokio::sync::{mpsc, oneshot};
 use super::ask::Ask;
 use super::exchange::Exchange;
 use super::inbox::Inbox;
-use super::{Ahead, Job, Line, ModbusError, Settings, Space};
+use super::{Job, Line, ModbusError, Settings, Space, UrgentWrite};
 use crate::LinkError;
 use crate::wiring::Wiring;
 
 /// Receiving ends of the handles' channels.
 pub(super) struct Ends {
     pub(super) queue: mpsc::UnboundedReceiver<Job>,
-    pub(super) urgent_queue: mpsc::UnboundedReceiver<Ahead>,
+    pub(super) urgent_queue: mpsc::UnboundedReceiver<UrgentWrite>,
 }
 
 /// Starts the thread, which opens its line.
@@ -67,7 +67,7 @@ impl Owner {
     }
 
     async fn go_ahead(&mut self) {
-        while let Some(Ahead { ask, settings, last }) = self.inbox.pop() {
+        while let Some(UrgentWrite { ask, settings, last }) = self.inbox.pop() {
             self.held |= last;
             self.exchange.perform_now(&ask, &settings, &mut self.inbox).await;
         }

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::effects::{nonzero_columns, shifts};
 use super::observe::BallCentre;
-use crate::decision::references::{Limits, Pair, Scatter, Shift, places};
+use crate::decision::references::{Limits, ReferencePair, Scatter, Shift, places};
 use crate::identification::Effect;
 use crate::identification::declared::{display_step_mm, drift_mm_per_s, repeatability_mm};
 use machine::Axis;
@@ -35,7 +35,7 @@ fn at(plan: &Plan, centres: &[BallCentre], gap_s: f64) -> Vec<Vec<f64>> {
 
 /// Limit of a reference that is touched along the axis, mm.
 fn limit(plan: &Plan, axis: Axis, t_s: [f64; 2]) -> f64 {
-    let pair = Pair {
+    let pair = ReferencePair {
         label: String::new(),
         position_mm: [0.0; 2],
         t_s,

@@ -16,7 +16,7 @@ use machine::{Axis, Position};
 
 /// Maximum spread of the readings of an axis at rest, rad (0.005°): encoder readings flicker, and a control
 /// leaves a small position error.
-const STANDS: f64 = 8.7e-5;
+const MAX_ROTARY_SPREAD_RAD: f64 = 8.7e-5;
 /// Minimum number of touches for a centre and a radius.
 const LEAST_TOUCHES: usize = 4;
 
@@ -174,7 +174,8 @@ fn centre_of(
     if touches.len() < LEAST_TOUCHES {
         return Err(format!("{} touches, {LEAST_TOUCHES} are needed", touches.len()));
     }
-    let place = stood(touches).ok_or("its touches were not made at one rotary position")?;
+    let place =
+        mean_rotary_position(touches).ok_or("its touches were not made at one rotary position")?;
     let xyz = |reading: &Reading| Axis::LINEAR.map(|axis| reading.position.get(axis));
     let points: Option<Vec<Touch>> = touches
         .iter()
@@ -204,7 +205,7 @@ fn centre_of(
 }
 
 /// Mean position of the rotary axes. `None`: they moved between the touches.
-fn stood(touches: &[(&Step, &Reading, Label)]) -> Option<Position> {
+fn mean_rotary_position(touches: &[(&Step, &Reading, Label)]) -> Option<Position> {
     let at = |(step, reading, _): &(&Step, &Reading, Label)| {
         step.from.updated_by(&reading.position).only(|axis| !axis.is_linear())
     };
@@ -216,7 +217,7 @@ fn stood(touches: &[(&Step, &Reading, Label)]) -> Option<Position> {
         for position in &all {
             let here = position.get(axis)? - value;
             apart += here;
-            if here.is_nan() || here.abs() > STANDS {
+            if here.is_nan() || here.abs() > MAX_ROTARY_SPREAD_RAD {
                 return None;
             }
         }

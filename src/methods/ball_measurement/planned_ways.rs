@@ -12,9 +12,9 @@ use planning::{end_of, machine_time_s, step_blocks};
 use rayon::prelude::*;
 
 /// Number of nearest neighbours of a ball for which paths are planned.
-const NEAR: usize = 16;
+const PLANNED_NEIGHBOURS: usize = 16;
 /// Number of balls that are tried as the first of a visit.
-const FIRSTS: usize = 4;
+const MAX_START_BALLS: usize = 4;
 /// Number of touches of a measurement without a form check.
 const TOUCHES_WITHOUT_FORM: usize = 5;
 
@@ -98,7 +98,7 @@ impl WayPlanner<'_> {
         let from = |from: &Position| self.ways_s(from, balls);
         let between = ends.par_iter().map(from).collect::<Result<Vec<_>, _>>()?;
         let from_stand = stands.map(from).transpose()?;
-        Ok(TravelTimes { between, from_stand }.tour(FIRSTS))
+        Ok(TravelTimes { between, from_stand }.tour(MAX_START_BALLS))
     }
 
     /// Path times of the balls in their order, from the current position of the machine.
@@ -132,7 +132,7 @@ impl WayPlanner<'_> {
         let mut seconds = in_xy.unwrap_or_default();
         let mut order: Vec<usize> = (0..seconds.len()).collect();
         order.sort_by(|a, b| seconds[*a].total_cmp(&seconds[*b]));
-        let (near, far) = order.split_at(NEAR.min(order.len()));
+        let (near, far) = order.split_at(PLANNED_NEIGHBOURS.min(order.len()));
         let mut longest = 0.0_f64;
         for ball in near {
             let Some(first) = balls[*ball].first() else { continue };

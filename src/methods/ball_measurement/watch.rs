@@ -12,9 +12,9 @@ use crate::identification::declared::drift_mm_per_s;
 use machine::record::reading::Reading;
 
 /// Minimum number of rounds for the creep rate and its scatter.
-const ROUNDS: usize = 5;
+const MIN_WATCH_ROUNDS: usize = 5;
 /// Maximum duration of the watch, as a multiple of the requested duration.
-const PATIENCE: f64 = 6.0;
+const MAX_WATCH_DURATION_RATIO: f64 = 6.0;
 
 /// Creep rate of the ball along one axis.
 #[derive(Debug, Clone, Copy)]
@@ -29,7 +29,7 @@ struct Creep {
 /// machine creeps no faster than declared.
 ///
 /// # Errors
-/// The machine still creeps after [`PATIENCE`] times that duration. A resumed run starts the watch again.
+/// The machine still creeps after [`MAX_WATCH_DURATION_RATIO`] times that duration. A resumed run starts the watch again.
 pub fn needs_a_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Result<bool, Refused> {
     let watch_s = setup.touch.watch_s;
     // The watch ends when the measurement begins, also for a resumed run.
@@ -42,11 +42,11 @@ pub fn needs_a_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Resu
         return Ok(true);
     };
     let watched_s = last_s - first_s;
-    if watched_s < watch_s || rounds.len() < ROUNDS {
+    if watched_s < watch_s || rounds.len() < MIN_WATCH_ROUNDS {
         return Ok(true);
     }
     let older = rounds.partition_point(|(t_s, _)| last_s - t_s > watch_s);
-    let newest = &rounds[older.min(rounds.len() - ROUNDS)..];
+    let newest = &rounds[older.min(rounds.len() - MIN_WATCH_ROUNDS)..];
     // The declared rate is a standard deviation; k = 2.
     let allowed = 2.0 * drift_mm_per_s(setup.plan);
     // If the uncertainty of the rate exceeds the limit, rest is not shown. All rounds together have a smaller
@@ -56,7 +56,7 @@ pub fn needs_a_round(setup: &MeasurementSetup<'_>, readings: &[Reading]) -> Resu
     let (Some(creep), Some(_)) = (creeping(newest), creeping(&rounds)) else { return Ok(false) };
     let um_per_h = |mm_per_s: f64| mm_per_s * 1e3 * 3600.0;
     Refused::unless(
-        watched_s < PATIENCE * watch_s,
+        watched_s < MAX_WATCH_DURATION_RATIO * watch_s,
         format!(
             "the machine is not seen to come to rest: after {:.0} min the ball creeps by ({:.1} ± {:.1}) µm/h along {}, \
              where drift_um_per_h declares {:.1} at most",

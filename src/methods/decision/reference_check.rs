@@ -1,15 +1,15 @@
 //! The references of a plan: places that are touched, or measured by a sensor, repeatedly to see whether the
 //! machine has moved.
 
-use super::references::{Limits, Pair, Scatter, Shift};
+use super::references::{Limits, ReferencePair, Scatter, Shift};
 use machine::record::plan::{Plan, REPEAT_AFTER_STOP, Stage, Step, StepKind};
 use machine::record::reading::{Flag, Reading};
 use machine::{Axis, Position};
 
 /// Distance below which positions are the same place, mm or rad.
-const SAME: f64 = 1e-9;
+const POSITION_TOLERANCE: f64 = 1e-9;
 /// Cosine of 1°, the angle within which two directions are the same.
-const SAME_WAY: f64 = 0.999_85;
+const MIN_DIRECTION_COSINE: f64 = 0.999_85;
 
 /// One place and its readings before the stop.
 struct Place<'a> {
@@ -148,13 +148,13 @@ impl<'a> References<'a> {
             self.places.iter().flat_map(|place| [place.series(), after(place)]).collect();
         let scatter = Scatter::of(self.declared_mm(), &series);
         let drift_mm_per_s = self.plan.machine.drift_um_per_h * 1e-3 / 3600.0;
-        let pairs: Vec<Pair> = self
+        let pairs: Vec<ReferencePair> = self
             .places
             .iter()
             .filter_map(|place| {
                 let is_new = |visit: &&Visit<'_>| place.is_of(visit);
                 let (before, after) = (place.visits.last()?, again.iter().find(is_new)?);
-                Some(Pair {
+                Some(ReferencePair {
                     label: place.label(),
                     position_mm: [before, after].map(|visit| visit.outward_mm),
                     t_s: [before.t_s, after.t_s],
@@ -234,7 +234,7 @@ fn direction(step: &Step) -> [(Axis, f64); 3] {
 fn same_way(one: &Step, other: &Step) -> bool {
     let along: f64 =
         direction(one).iter().zip(direction(other)).map(|((_, a), (_, b))| a * b).sum();
-    along > SAME_WAY
+    along > MIN_DIRECTION_COSINE
 }
 
 /// Position against the direction of the touch, mm; for a sample, minus the distance to the surface. The axes
@@ -252,7 +252,7 @@ fn outward(step: &Step, reading: &Reading) -> f64 {
 fn same_place(one: &Step, other: &Step) -> bool {
     let same = |a: &Position, b: &Position| {
         Axis::ALL.into_iter().all(|axis| match (a.get(axis), b.get(axis)) {
-            (Some(a), Some(b)) => (a - b).abs() <= SAME,
+            (Some(a), Some(b)) => (a - b).abs() <= POSITION_TOLERANCE,
             (a, b) => a.is_none() && b.is_none(),
         })
     };

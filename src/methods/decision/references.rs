@@ -8,14 +8,14 @@ use machine::record::plan::{Plan, Step, StepKind};
 /// number. A false refusal in 1.1 % of stops is rare enough to keep the operator's trust. Each of four
 /// references (0°, 90°, 180°, Z) then has limits of ±3 standard deviations, each of the 26 points of a scan
 /// ±3.5.
-const ALL_INSIDE: f64 = 0.989_244_470_5;
+const AGREEMENT_PROBABILITY: f64 = 0.989_244_470_5;
 /// Maximum allowance for drift, as a multiple of the standard deviation of the touch difference. A reference
 /// that may move more gives no information; after so long a stop a new run is needed.
-const DRIFT_GRANTED: f64 = 3.0;
+const MAX_DRIFT_RATIO: f64 = 3.0;
 
 /// Measurements of one reference before and after the stop.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Pair {
+pub struct ReferencePair {
     pub label: String,
     /// Position of the ball centre along the outward normal, before and after, mm.
     pub position_mm: [f64; 2],
@@ -84,7 +84,7 @@ pub struct Limits {
 
 impl Limits {
     /// Limits for `places` references that are compared together, so that all of them agree with probability
-    /// [`ALL_INSIDE`]. Scatter that comes from the references themselves makes false refusals even rarer.
+    /// [`AGREEMENT_PROBABILITY`]. Scatter that comes from the references themselves makes false refusals even rarer.
     /// `drift_mm_per_s` is the declared standard deviation of the drift rate.
     pub fn new(scatter: Scatter, places: usize, drift_mm_per_s: f64) -> Self {
         let (u_mm, dof) = match scatter {
@@ -92,16 +92,17 @@ impl Limits {
             Scatter::Pooled { u_mm, dof } => (u_mm, f64::from(dof)),
             Scatter::Unknown => (0.0, f64::INFINITY),
         };
-        let inside = ALL_INSIDE.powf(1.0 / places.max(1) as f64);
+        let inside = AGREEMENT_PROBABILITY.powf(1.0 / places.max(1) as f64);
         Self { u_mm, factor: coverage::two_sided(inside, dof), drift_mm_per_s }
     }
 
     /// k·√(2·u_touch² + u_drift²) plus one step of resolution, mm; u_drift is bounded.
-    fn of(&self, pair: &Pair) -> f64 {
+    fn of(&self, pair: &ReferencePair) -> f64 {
         let rounding = pair.resolution_mm / 12f64.sqrt();
         let [before, after] = pair.t_s;
         let touches = (2.0 * (self.u_mm.powi(2) + rounding.powi(2))).sqrt();
-        let drift = (self.drift_mm_per_s * (after - before).max(0.0)).min(DRIFT_GRANTED * touches);
+        let drift =
+            (self.drift_mm_per_s * (after - before).max(0.0)).min(MAX_DRIFT_RATIO * touches);
         self.factor * touches.hypot(drift) + pair.resolution_mm
     }
 }
@@ -125,7 +126,7 @@ pub struct Shift {
 }
 
 impl Shift {
-    pub fn of(pair: &Pair, limits: &Limits) -> Self {
+    pub fn of(pair: &ReferencePair, limits: &Limits) -> Self {
         let [old, new] = pair.position_mm;
         Self { label: pair.label.clone(), shift_mm: new - old, limit_mm: limits.of(pair) }
     }
@@ -136,15 +137,15 @@ impl Shift {
 }
 
 /// Maximum number of shifts that a message lists.
-const TOLD: usize = 4;
+const MAX_LISTED_SHIFTS: usize = 4;
 
 /// Lists all shifts if there are few, otherwise the largest relative to their limits.
 pub fn in_words(shifts: &[Shift]) -> String {
     let mut told: Vec<&Shift> = shifts.iter().collect();
-    if told.len() > TOLD {
+    if told.len() > MAX_LISTED_SHIFTS {
         let part = |shift: &Shift| shift.shift_mm.abs() / shift.limit_mm;
         told.sort_by(|one, other| part(other).total_cmp(&part(one)));
-        told.truncate(TOLD);
+        told.truncate(MAX_LISTED_SHIFTS);
     }
     let more = shifts.len() - told.len();
     let mut words: Vec<String> = told.into_iter().map(Shift::to_string).collect();
@@ -166,8 +167,8 @@ mod tests {
 
     use super::*;
 
-    fn pair(shift_mm: f64, seconds: f64) -> Pair {
-        Pair {
+    fn pair(shift_mm: f64, seconds: f64) -> ReferencePair {
+        ReferencePair {
             label: "R1/P090".to_owned(),
             position_mm: [48.0, 48.0 + shift_mm],
             t_s: [100.0, 100.0 + seconds],
@@ -216,7 +217,8 @@ mod tests {
             assert_eq!(dof, 2 * places as u32);
             for (alarms, limits) in alarms.iter_mut().zip([declared, Limits { u_mm, ..pooled }]) {
                 let moved = |(before, after): (&Vec<f64>, &Vec<f64>)| {
-                    let pair = Pair { position_mm: [before[1], after[0]], ..pair(0.0, 0.0) };
+                    let pair =
+                        ReferencePair { position_mm: [before[1], after[0]], ..pair(0.0, 0.0) };
                     !Shift::of(&pair, &limits).agrees()
                 };
                 *alarms += u32::from(before.iter().zip(&after).any(moved));
@@ -233,7 +235,10 @@ mod tests {
             let [declared, pooled] = refused(places, 0.0, 20_000);
             println!("{places} places: {declared} of stops, {pooled} with pooled scatter");
             // Tolerance of the comparison: four standard deviations of the count.
-            assert!((declared - (1.0 - ALL_INSIDE)).abs() < 0.003, "{places}: {declared}");
+            assert!(
+                (declared - (1.0 - AGREEMENT_PROBABILITY)).abs() < 0.003,
+                "{places}: {declared}"
+            );
             // With pooled scatter, a shift between the rounds also increases the scatter.
             assert!((0.002..0.0138).contains(&pooled), "{places}: {pooled}");
         }
@@ -262,9 +267,9 @@ mod tests {
     fn an_unknown_scatter_is_said() {
         assert_eq!(Scatter::of(None, &[vec![1.0], vec![2.0]]), Scatter::Unknown);
         assert!(Scatter::Unknown.in_words().contains("repeatability_um is missing"));
-        let coarse = Pair { resolution_mm: 1e-3, ..pair(1.5e-3, 0.0) };
+        let coarse = ReferencePair { resolution_mm: 1e-3, ..pair(1.5e-3, 0.0) };
         let unknown = Limits::new(Scatter::Unknown, 1, 0.0);
         assert!(Shift::of(&coarse, &unknown).agrees());
-        assert!(!Shift::of(&Pair { resolution_mm: 1e-4, ..coarse }, &unknown).agrees());
+        assert!(!Shift::of(&ReferencePair { resolution_mm: 1e-4, ..coarse }, &unknown).agrees());
     }
 }

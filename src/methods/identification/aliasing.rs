@@ -5,19 +5,19 @@ use machine::Axis;
 use machine::record::plan::{Plan, StepKind};
 
 /// Orders that are checked.
-const ORDERS: std::ops::RangeInclusive<u32> = 1..=12;
-const SAME: f64 = 1e-6;
+const CHECKED_ORDERS: std::ops::RangeInclusive<u32> = 1..=12;
+const COSINE_TOLERANCE: f64 = 1e-6;
 
 /// Orders whose harmonics have the same value at all `angles`, rad. Empty if the axis does not turn.
 fn aliased_orders(angles: &[f64]) -> Vec<u32> {
     let Some(first) = angles.first() else { return Vec::new() };
-    let is_same = |by: f64| (by.cos() - 1.0).abs() < SAME;
-    if angles.iter().all(|angle| (angle - first).abs() < SAME) {
+    let is_same = |by: f64| (by.cos() - 1.0).abs() < COSINE_TOLERANCE;
+    if angles.iter().all(|angle| (angle - first).abs() < COSINE_TOLERANCE) {
         return Vec::new();
     }
     let is_aliased =
         |order: &u32| angles.iter().all(|angle| is_same(f64::from(*order) * (angle - first)));
-    ORDERS.filter(is_aliased).collect()
+    CHECKED_ORDERS.filter(is_aliased).collect()
 }
 
 /// What the error motions of an axis are inseparable from, if the method gives nothing more exact.

@@ -10,7 +10,7 @@ use machine::record::estimate::{
 
 use super::likely::{LikelySource, likely_sources};
 use super::model::{FitFigures, Solution};
-use super::outliers::Checked;
+use super::outliers::OutlierCheck;
 use super::outputs::{Curve, Output, Outputs};
 use super::propagation::{Propagation, Uncertainty};
 use super::source::UncertaintySource;
@@ -24,7 +24,7 @@ pub struct Identification {
     /// Trials of the parameters in the order of the estimate, internal units.
     pub trials: Option<Summary>,
     pub figures: FitFigures,
-    pub checked: Checked,
+    pub checked: OutlierCheck,
     /// Sources that may be larger than declared and would explain a misfit.
     pub likely: Vec<LikelySource>,
 }
@@ -50,7 +50,7 @@ pub fn identify(
     let misfit = &propagation.misfit;
     let run = |plan| propagate_by_trials(solution.model, sources, misfit, &outputs, plan);
     let trials = plan.map(run).transpose()?;
-    let checked = Checked::new(solution, misfit, &propagation.residual_variances);
+    let checked = OutlierCheck::new(solution, misfit, &propagation.residual_variances);
     let likely = if misfit.above { likely_sources(solution, sources) } else { Vec::new() };
     Ok(Identification { outputs, propagation, trials, figures: solution.figures, checked, likely })
 }

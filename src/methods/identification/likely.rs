@@ -7,9 +7,9 @@ use super::model::Solution;
 use super::source::{Effect, UncertaintySource};
 
 /// Maximum number of sources that are named.
-const MOST: usize = 3;
+const MAX_NAMED_SOURCES: usize = 3;
 /// Minimum gain in log-likelihood for a source to be named.
-const LEAST_GAIN: f64 = 3.0;
+const MIN_LOG_LIKELIHOOD_GAIN: f64 = 3.0;
 /// Factors on the declared size that are tried, as exponents of √2.
 const FACTORS: std::ops::RangeInclusive<i32> = 1..=20;
 
@@ -27,9 +27,9 @@ pub struct LikelySource {
 pub fn likely_sources(solution: &Solution<'_>, sources: &[UncertaintySource]) -> Vec<LikelySource> {
     let mut list: Vec<LikelySource> =
         sources.iter().filter_map(|source| if_larger(solution, source)).collect();
-    list.retain(|source| source.gain >= LEAST_GAIN);
+    list.retain(|source| source.gain >= MIN_LOG_LIKELIHOOD_GAIN);
     list.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    list.truncate(MOST);
+    list.truncate(MAX_NAMED_SOURCES);
     list
 }
 

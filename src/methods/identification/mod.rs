@@ -44,13 +44,13 @@ pub use model::{
     FitFigures, LeastSquares, LinearFit, ObservationEquation, ObservationModel, Response, Solution,
     multiply, rms, solve_each_trial,
 };
-pub use outliers::Checked;
+pub use outliers::OutlierCheck;
 pub use outputs::{
     Curve, NonlinearOutputs, Output, Outputs, central_differences, reported_unit, unit_slope,
 };
 pub use propagation::{Propagation, Uncertainty};
 pub use range::{Range, range_outputs};
-pub use sizes::add_sizes;
+pub use sizes::add_sensitivities;
 pub use source::{
     Effect, EvaluationType, InResiduals, ObservationRun, Shape, UncertaintySource,
     block_covariances, prior_covariance,

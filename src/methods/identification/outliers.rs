@@ -16,14 +16,14 @@ use machine::record::estimate::{DetectableDeviation, Deviation, Outlier};
 const FALSE_ALARM: f64 = 1e-3;
 /// Minimum share of the variance of a row that must remain in its residual. Below it no other row checks this
 /// row.
-const UNCHECKED: f64 = 1e-4;
+const MIN_RESIDUAL_VARIANCE: f64 = 1e-4;
 /// Squared cosine between the residual patterns of two measurements above which they are indistinguishable.
-const ALIKE: f64 = 1.0 - 1e-6;
-/// Probability of detecting a deviation of the size of [`Checked::smallest_found`].
+const MIN_PATTERN_COSINE_SQUARED: f64 = 1.0 - 1e-6;
+/// Probability of detecting a deviation of the size of [`OutlierCheck::smallest_found`].
 const POWER: f64 = 0.95;
 
 /// Result of the comparison of each measurement with all others.
-pub struct Checked {
+pub struct OutlierCheck {
     pub outliers: Vec<Outlier>,
     /// Smallest detectable deviation of each measurement.
     pub smallest_found: Vec<DetectableDeviation>,
@@ -31,7 +31,7 @@ pub struct Checked {
     pub warnings: Vec<String>,
 }
 
-impl Checked {
+impl OutlierCheck {
     /// `variances`: variance of each weighted residual from the declared sources.
     pub fn new(solution: &Solution<'_>, misfit: &Misfit, variances: &[f64]) -> Self {
         let leverage = solution.model.leverage();
@@ -161,7 +161,7 @@ pub struct RowResiduals<'a> {
 impl RowResiduals<'_> {
     /// Rows that other rows check.
     fn checked(&self, rows: Range<usize>) -> impl Iterator<Item = usize> {
-        rows.filter(|row| self.variances[*row] >= UNCHECKED)
+        rows.filter(|row| self.variances[*row] >= MIN_RESIDUAL_VARIANCE)
     }
 
     /// The value that [`Self::studentised`] of rows without an outlier exceeds with this `probability`.
@@ -197,7 +197,8 @@ impl RowResiduals<'_> {
 pub fn are_alike(patterns: [&[f64]; 2]) -> bool {
     let product = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let [one, other] = patterns;
-    product(one, other).powi(2) > ALIKE * product(one, one) * product(other, other)
+    product(one, other).powi(2)
+        > MIN_PATTERN_COSINE_SQUARED * product(one, one) * product(other, other)
 }
 
 fn warning(outlier: &Outlier, measurements: &[Measurement]) -> String {

@@ -19,7 +19,7 @@ use machine::record::reading::Reading;
 /// Name of the method that finds the map.
 pub const METHOD: &str = "probe-qualification";
 /// Highest order that is searched for in an estimate.
-const HIGHEST: u32 = 180;
+const MAX_ORDER: u32 = 180;
 
 /// Symbols of the cosine and the sine part of an order.
 pub fn symbols(order: u32) -> [String; 2] {
@@ -164,7 +164,7 @@ fn declared_mm(probe: &Probe, order: u32) -> Option<f64> {
 
 fn parts(prior: &Estimate) -> Vec<Part> {
     let mut parts = Vec::new();
-    for order in 1..=HIGHEST {
+    for order in 1..=MAX_ORDER {
         for (symbol, quarter_turns) in symbols(order).into_iter().zip([0.0, 0.25]) {
             let own = prior.parameters.iter().find(|parameter| parameter.symbol == symbol);
             let Some(parameter) = own else { continue };

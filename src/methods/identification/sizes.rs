@@ -89,7 +89,7 @@ fn resolution(plan: &Plan) -> f64 {
 
 /// Adds keys and sensitivities to the lines of the budgets, and marks the lines whose size is wholly or
 /// partly assumed.
-pub fn add_sizes(estimate: &mut Estimate, plan: &Plan) {
+pub fn add_sensitivities(estimate: &mut Estimate, plan: &Plan) {
     let parameters = estimate.parameters.iter_mut().flat_map(|parameter| &mut parameter.budget);
     for line in parameters {
         let Some((key, size)) = key_and_size(line, plan) else { continue };

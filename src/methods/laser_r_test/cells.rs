@@ -53,15 +53,18 @@ pub fn cells(
             samples: offs.len(),
             t_s: all.iter().map(|seen| seen.t_s).sum::<f64>() / count,
             velocity: mean(|seen| seen.velocity),
-            toward: mean(|seen| seen.toward),
+            last_motion_sign: mean(|seen| seen.last_motion_sign),
         })
     };
-    let spots = by_place(bench, seen).into_iter().filter_map(spot).collect();
+    let spots = group_by_cell(bench, seen).into_iter().filter_map(spot).collect();
     (spots, within)
 }
 
 /// Groups the samples of one scan by cells. The cells are in the order of time.
-pub fn by_place<'a>(bench: &LaserSetup<'_>, seen: &'a [TimedSample]) -> Vec<Vec<&'a TimedSample>> {
+pub fn group_by_cell<'a>(
+    bench: &LaserSetup<'_>,
+    seen: &'a [TimedSample],
+) -> Vec<Vec<&'a TimedSample>> {
     let width = (extent(seen) / bench.settings.points.max(1) as f64).max(LEAST_MM);
     let (mut cells, mut numbers) = (Vec::<Vec<&TimedSample>>::new(), BTreeMap::new());
     for one in seen {

@@ -21,7 +21,7 @@ pub struct Place {
     /// Centre of the sphere, table frame.
     pub ball: Vector3<f64>,
     /// Largest distance of the sphere from its expected position, mm.
-    pub doubt_mm: f64,
+    pub position_uncertainty_mm: f64,
 }
 
 /// Motion of a scan.
@@ -80,14 +80,14 @@ fn settled(bench: &LaserSetup<'_>, walk: ScanMotion) -> (f64, Sampling) {
 /// Half length of a line, mm: as far as the incidence limit allows for the largest position error of the sphere.
 fn half_mm(bench: &LaserSetup<'_>, place: &Place, rotary: &Position) -> Result<f64, Refused> {
     let radius = bench.ball.radius_mm;
-    let half = radius * bench.limit().sin() - place.doubt_mm;
+    let half = radius * bench.limit().sin() - place.position_uncertainty_mm;
     if half < 0.1 * radius {
         return Err(Refused {
             why: format!(
                 "at {} a sphere of {radius} mm that may stand {:.2} mm off could meet the beam beyond the \
                  incidence limit of {}°",
                 in_words(rotary),
-                place.doubt_mm,
+                place.position_uncertainty_mm,
                 bench.sensor.incidence_limit_deg
             ),
             instead:
@@ -117,11 +117,13 @@ fn check_range(
 ) -> Result<(), Refused> {
     let radius = bench.ball.radius_mm;
     // Largest distance from the pole, for the largest position error of the sphere.
-    let reach = (half + place.doubt_mm).min(radius);
+    let reach = (half + place.position_uncertainty_mm).min(radius);
     let sag = radius - (radius * radius - reach * reach).sqrt();
     let [least, most] = bench.sensor.range_mm;
-    let (lowest, highest) =
-        (wanted.height_mm - place.doubt_mm, wanted.height_mm + sag + place.doubt_mm);
+    let (lowest, highest) = (
+        wanted.height_mm - place.position_uncertainty_mm,
+        wanted.height_mm + sag + place.position_uncertainty_mm,
+    );
     if lowest >= least && highest <= most {
         return Ok(());
     }

@@ -18,7 +18,7 @@ const CENTRE_MM: f64 = 1e-3;
 /// Positions as stated in the plan.
 pub fn nominal(bench: &LaserSetup<'_>) -> Place {
     let (zero, beam, ball) = (bench.zero(), bench.beam(), bench.centre());
-    Place { zero, beam, ball, doubt_mm: 0.0 }
+    Place { zero, beam, ball, position_uncertainty_mm: 0.0 }
 }
 
 /// Positions of sphere, zero point and beam by the nominal machine, as far as the readings up to now determine
@@ -56,7 +56,7 @@ pub fn known(bench: &LaserSetup<'_>, readings: &[Reading]) -> Result<Place, Refu
         zero: problem.model.zero(&solved.x),
         beam: centres.beam(&fitted.x),
         ball: problem.model.ball(&solved.x),
-        doubt_mm: 0.0,
+        position_uncertainty_mm: 0.0,
     };
     check_place(bench, &place)?;
     Ok(place)

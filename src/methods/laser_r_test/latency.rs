@@ -9,7 +9,7 @@ use faer::Mat;
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::bench::LaserSetup;
-use super::cells::{Sphere, by_place};
+use super::cells::{Sphere, group_by_cell};
 use super::track::{PositionHistory, TimedSample};
 use crate::{IdentifyError, Refused};
 use estimation::linear::lower_root;
@@ -32,7 +32,7 @@ const SETTLED: f64 = 0.05;
 const CHOICES: usize = 4;
 /// Largest ratio by which the other unknowns may increase an unknown's uncertainty. Beyond it the unknown counts as
 /// not separable. For two feeds in the ratio r, r > 1, it is (r + 1)/(r − 1).
-const MOST_INFLATED: f64 = 5.5;
+const MAX_UNCERTAINTY_INFLATION: f64 = 5.5;
 
 /// Estimated latency and lost motion.
 #[derive(Debug, Clone)]
@@ -59,13 +59,17 @@ pub struct Timed<'a> {
 
 impl Latency {
     /// True positions of the axes, corrected for lost motion.
-    pub fn true_xyz(&self, xyz: Vector3<f64>, toward: Vector3<f64>) -> Vector3<f64> {
-        xyz - self.lag.component_mul(&toward) / 2.0
+    pub fn true_xyz(&self, xyz: Vector3<f64>, last_motion_sign: Vector3<f64>) -> Vector3<f64> {
+        xyz - self.lag.component_mul(&last_motion_sign) / 2.0
     }
 
     /// Derivatives of the true position by τ (per s) and by the lags (per mm).
-    pub fn columns(&self, velocity: Vector3<f64>, toward: Vector3<f64>) -> Vec<Vector3<f64>> {
-        let lags = self.axes.iter().map(|axis| half_step(*axis, toward));
+    pub fn columns(
+        &self,
+        velocity: Vector3<f64>,
+        last_motion_sign: Vector3<f64>,
+    ) -> Vec<Vector3<f64>> {
+        let lags = self.axes.iter().map(|axis| half_step(*axis, last_motion_sign));
         std::iter::once(-velocity).chain(lags.map(|half| -half)).collect()
     }
 
@@ -80,8 +84,8 @@ impl Latency {
     }
 }
 
-fn half_step(axis: Axis, toward: Vector3<f64>) -> Vector3<f64> {
-    axis.direction().component_mul(&toward) / 2.0
+fn half_step(axis: Axis, last_motion_sign: Vector3<f64>) -> Vector3<f64> {
+    axis.direction().component_mul(&last_motion_sign) / 2.0
 }
 
 /// # Errors
@@ -122,7 +126,7 @@ struct Chosen<'a> {
 impl<'a> Chosen<'a> {
     fn new(bench: &LaserSetup<'_>, scan: &'a Timed<'a>, tau_s: f64) -> Self {
         let seen = scan.track.seen(tau_s);
-        let cells = by_place(bench, &seen).into_iter();
+        let cells = group_by_cell(bench, &seen).into_iter();
         Self { scan, cells: cells.map(|all| all.into_iter().copied().collect()).collect() }
     }
 
@@ -155,7 +159,7 @@ impl Round {
         tau_s: f64,
     ) -> Result<Self, IdentifyError> {
         let all = || chosen.iter().flat_map(|of| of.cells.iter().flatten());
-        let moved = |k: usize| all().any(|one| one.toward[k] != 0.0);
+        let moved = |k: usize| all().any(|one| one.last_motion_sign[k] != 0.0);
         let axes = Axis::LINEAR.into_iter().enumerate().filter(|(k, _)| moved(*k));
         let axes: Vec<Axis> = axes.map(|(_, axis)| axis).collect();
         let mut cells: Vec<Vec<Row>> = Vec::new();
@@ -170,7 +174,8 @@ impl Round {
                     let at = scan.travel * one.xyz;
                     let off = one.value - sphere.reading(at)?;
                     let slope = scan.travel.transpose() * sphere.slope(at)?;
-                    let lags = axes.iter().map(|axis| slope.dot(&half_step(*axis, one.toward)));
+                    let lags =
+                        axes.iter().map(|axis| slope.dot(&half_step(*axis, one.last_motion_sign)));
                     let columns = std::iter::once(slope.dot(&one.velocity)).chain(lags);
                     Some(Row { off, columns: columns.map(|by| -by).collect() })
                 });
@@ -223,14 +228,15 @@ impl Round {
         let rank = format!("rank {} of {}", survey.rank, survey.rank + survey.nullity);
         if survey.nullity > 0 {
             let lost = name_null_space(survey.null_space.as_ref(), &names);
-            return Err(untold(&rank, lost));
+            return Err(not_separable_error(&rank, lost));
         }
         let (covariance, alone) = (factored.covariance(), factored.column_norms());
-        let inflated = |k: &usize| covariance[(*k, *k)].sqrt() * alone[*k] > MOST_INFLATED;
+        let inflated =
+            |k: &usize| covariance[(*k, *k)].sqrt() * alone[*k] > MAX_UNCERTAINTY_INFLATION;
         let weak: Vec<String> =
             (0..self.unknowns()).filter(inflated).filter_map(|k| names.get(k).cloned()).collect();
         if !weak.is_empty() {
-            return Err(untold(&format!("{rank}, but barely"), weak));
+            return Err(not_separable_error(&format!("{rank}, but barely"), weak));
         }
         let x = factored.solve(&self.values());
         Ok((factored, x))
@@ -263,7 +269,7 @@ const REMEDY: &str = "measure the stage `latency` whole: both lines forward and 
                       fast_feed_mm_min that is half more at least; or measure anew with sampling = \"dwell\"";
 
 /// Refusal that names the unknowns that are not separable, without the unknowns of cells.
-fn untold(rank: &str, what: Vec<String>) -> IdentifyError {
+fn not_separable_error(rank: &str, what: Vec<String>) -> IdentifyError {
     let named = |words: &String| words.contains("latency") || words.contains("reversal");
     let what: Vec<String> =
         what.into_iter().filter(named).map(|words| without_cells(&words)).collect();

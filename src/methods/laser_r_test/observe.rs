@@ -137,7 +137,7 @@ fn placed(bench: &LaserSetup<'_>, raw: UncorrectedScan, observed: &mut Observed)
     let UncorrectedScan { mut scanned, track, steps } = raw;
     if let (Some((track, path)), Some(latency)) = (&track, &observed.latency) {
         let mut seen = track.seen(latency.tau_s);
-        seen.iter_mut().for_each(|one| one.xyz = latency.true_xyz(one.xyz, one.toward));
+        seen.iter_mut().for_each(|one| one.xyz = latency.true_xyz(one.xyz, one.last_motion_sign));
         observed.turning += track.said() - seen.len();
         let thin = thin_ways(path, &seen).into_iter();
         observed.thin.extend(thin.map(|words| format!("{}: {words}", scanned.label)));
@@ -185,9 +185,9 @@ fn raw(
             continue;
         };
         let xyz = reading.position.xyz();
-        let (velocity, toward) = (Vector3::zeros(), Vector3::zeros());
+        let (velocity, last_motion_sign) = (Vector3::zeros(), Vector3::zeros());
         let (at, t_s) = (travel * xyz, reading.t_s);
-        spots.push(Spot { xyz, at, value, samples: 1, t_s, velocity, toward });
+        spots.push(Spot { xyz, at, value, samples: 1, t_s, velocity, last_motion_sign });
     }
     let track = step.scan.as_ref().filter(|scan| on_the_way(scan)).map(|scan| {
         (PositionHistory::new(readings), scan.path.iter().map(Position::xyz).collect())
@@ -234,6 +234,6 @@ fn mean(all: &[Spot], within: &mut (f64, usize)) -> Spot {
         samples: all.len(),
         t_s: of(|spot| spot.t_s),
         velocity: Vector3::zeros(),
-        toward: Vector3::zeros(),
+        last_motion_sign: Vector3::zeros(),
     }
 }

@@ -235,7 +235,7 @@ impl DwellPoints<'_> {
         let each: Vec<Vec<f64>> = rows
             .map(|((row, spot), n)| {
                 let travel = grouped.groups[row.group].travel;
-                let moved = latency.columns(spot.velocity, spot.toward).into_iter();
+                let moved = latency.columns(spot.velocity, spot.last_motion_sign).into_iter();
                 moved.map(|by| n.dot(&(travel * by))).collect()
             })
             .collect();

@@ -18,7 +18,7 @@ pub struct Spot {
     pub t_s: f64,
     /// Mean velocity of X, Y, Z in mm/s, and mean sign of the last motion of each axis (0 where unknown).
     pub velocity: Vector3<f64>,
-    pub toward: Vector3<f64>,
+    pub last_motion_sign: Vector3<f64>,
 }
 
 /// Dwell points of one step, with the rotary axes at rest.

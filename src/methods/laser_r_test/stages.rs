@@ -170,11 +170,11 @@ pub fn stage(
     place: &Place,
     id: u32,
 ) -> Result<(Stage, Vec<Step>), Refused> {
-    let doubt_mm = match task.pass {
+    let position_uncertainty_mm = match task.pass {
         Pass::Find => bench.balls.uncertainty_mm,
         _ => bench.settings.margin_mm,
     };
-    let place = Place { doubt_mm, ..*place };
+    let place = Place { position_uncertainty_mm, ..*place };
     let mut steps: Vec<Step> = Vec::new();
     for wanted in &task.scans {
         match again(bench, wanted) {
@@ -210,7 +210,7 @@ fn found(bench: &LaserSetup<'_>, place: &Place) -> Artefact {
     };
     let balls = bench.balls.balls.iter().map(moved).collect();
     let uncertainty_mm = match bench.balls.balls.len() {
-        1 => place.doubt_mm.min(bench.balls.uncertainty_mm),
+        1 => place.position_uncertainty_mm.min(bench.balls.uncertainty_mm),
         _ => bench.balls.uncertainty_mm,
     };
     Artefact::Balls(Balls { balls, uncertainty_mm, ..bench.balls.clone() })

@@ -20,7 +20,7 @@ const STANDS: f64 = 0.05;
 /// for the stamps, are not used.
 const UNSURE_MM: f64 = 0.1e-3;
 /// Apparent motion of an axis at standstill, mm.
-const TREMBLES_MM: f64 = 2e-3;
+const STANDSTILL_JITTER_MM: f64 = 2e-3;
 
 /// Readings of one scan in the order of time.
 #[derive(Debug, Clone)]
@@ -32,7 +32,7 @@ pub struct PositionHistory {
     /// For each stamp, whether positions between it and the next one can be interpolated.
     sure: Vec<bool>,
     /// Direction of the last motion at each stamp: [`ways`] of each axis.
-    toward: Vec<Option<Vector3<f64>>>,
+    last_motion_sign: Vec<Option<Vector3<f64>>>,
     /// Fastest speed, mm/s.
     fastest: f64,
     /// Distance between two stamps above which there is a gap, s.
@@ -47,7 +47,7 @@ pub struct TimedSample {
     pub xyz: Vector3<f64>,
     /// Velocity in mm/s, and sign of the last motion along each axis (0 before the first motion).
     pub velocity: Vector3<f64>,
-    pub toward: Vector3<f64>,
+    pub last_motion_sign: Vector3<f64>,
     pub value: f64,
     pub t_s: f64,
 }
@@ -67,15 +67,16 @@ impl PositionHistory {
         let slopes = slopes(&t_s, &xyz, gap_s);
         let sure = sure(&t_s, &xyz);
         let fastest = slopes.iter().map(|slope| slope.norm()).fold(0.0, f64::max);
-        let mut toward: Vec<Option<Vector3<f64>>> = Vec::with_capacity(xyz.len());
+        let mut last_motion_sign: Vec<Option<Vector3<f64>>> = Vec::with_capacity(xyz.len());
         // After a gap the direction of the last motion is unknown.
         let apart = |k: &usize| t_s.get(k - 1..=*k).is_none_or(|pair| pair[1] - pair[0] > gap_s);
         let mut from = 0;
         for to in (1..xyz.len()).filter(apart).chain([xyz.len()]) {
-            toward.extend(xyz.get(from..to).map(self::toward).unwrap_or_default());
+            last_motion_sign
+                .extend(xyz.get(from..to).map(self::last_motion_sign).unwrap_or_default());
             from = to;
         }
-        Self { toward, slopes, sure, fastest, t_s, xyz, gap_s, said }
+        Self { last_motion_sign, slopes, sure, fastest, t_s, xyz, gap_s, said }
     }
 
     /// Values with the axis positions for this latency. Omitted are values at reversals, at abrupt changes of
@@ -85,14 +86,15 @@ impl PositionHistory {
             let t_s = stamp_s - latency_s;
             let (xyz, velocity) = (self.at(t_s)?, self.velocity(t_s)?);
             let node = self.t_s.partition_point(|stamp| *stamp <= t_s).checked_sub(1)?;
-            let toward = self.toward.get(node).copied().flatten()?;
+            let last_motion_sign = self.last_motion_sign.get(node).copied().flatten()?;
             // An axis may also have reversed between the two stamps.
             let next = self.t_s.partition_point(|stamp| *stamp < t_s);
-            self.toward.get(next).copied().flatten()?;
+            self.last_motion_sign.get(next).copied().flatten()?;
             let sure = self.t_s.get(node) == Some(&t_s) || self.sure.get(node) == Some(&true);
-            let unknown = |k: usize| toward[k] == 0.0 && velocity[k].abs() > STANDS * self.fastest;
+            let unknown =
+                |k: usize| last_motion_sign[k] == 0.0 && velocity[k].abs() > STANDS * self.fastest;
             let stands = velocity.norm() < STANDS * self.fastest;
-            let seen = TimedSample { xyz, velocity, toward, value, t_s: stamp_s };
+            let seen = TimedSample { xyz, velocity, last_motion_sign, value, t_s: stamp_s };
             (sure && !stands && !(0..3).any(unknown)).then_some(seen)
         };
         self.said.iter().filter_map(seen).collect()
@@ -170,7 +172,7 @@ fn slopes(t_s: &[f64], xyz: &[Vector3<f64>], gap_s: f64) -> Vec<Vector3<f64>> {
 }
 
 /// [`ways`] of X, Y and Z. `None` where one of them reverses.
-fn toward(places: &[Vector3<f64>]) -> Vec<Option<Vector3<f64>>> {
+fn last_motion_sign(places: &[Vector3<f64>]) -> Vec<Option<Vector3<f64>>> {
     let of = |k: usize| ways(&places.iter().map(|place| place[k]).collect::<Vec<f64>>());
     let [x, y, z] = [of(0), of(1), of(2)];
     let each = x.into_iter().zip(y).zip(z);
@@ -198,7 +200,8 @@ fn ways(places: &[f64]) -> Vec<Option<f64>> {
         let within = |k: usize, mm: f64| places.get(k).is_none_or(|p| (p - extreme) * turned <= mm);
         // A real standstill, not only one or two stamps near the turning point, between which the motion would
         // appear uniform.
-        let stood = |k: usize| (k.saturating_sub(1)..=k + 1).all(|k| within(k, TREMBLES_MM));
+        let stood =
+            |k: usize| (k.saturating_sub(1)..=k + 1).all(|k| within(k, STANDSTILL_JITTER_MM));
         let beside = ways.iter_mut().enumerate().rev().take_while(|(k, _)| within(*k, TURNED_MM));
         beside.filter(|(k, _)| !stood(*k)).for_each(|(_, way)| *way = None);
         (way, least, most) = (turned, *place, *place);
@@ -240,7 +243,7 @@ mod tests {
         assert!((found(0.015).xyz.x - 4.85).abs() < 1e-9);
         assert!((found(-0.02).xyz.x - 5.2).abs() < 1e-9);
         assert!((found(0.02).velocity.x - 10.0).abs() < 1e-9);
-        assert_eq!((found(0.02).value, found(0.02).toward), (5.0, Vector3::x()));
+        assert_eq!((found(0.02).value, found(0.02).last_motion_sign), (5.0, Vector3::x()));
         // Two values at the beginning have no position, as the stamps start later. At the next ones the axis has
         // not moved far enough.
         assert_eq!(track.said(), 101);

@@ -11,7 +11,7 @@ const LEAST_RATIO: f64 = 2.0;
 const LONGEST_DELAY_S: f64 = 0.05;
 /// Factor on the acceleration distance. Declared accelerations are maxima; a smooth start needs about twice the
 /// distance.
-const GENTLE: f64 = 2.0;
+const ACCELERATION_DISTANCE_FACTOR: f64 = 2.0;
 /// Factor by which a default feed is lowered in each step.
 const LOWER: f64 = 0.9;
 
@@ -81,7 +81,7 @@ impl Feeds {
 
     fn of(machine: &Machine, probe: &Probe, fast_mm_min: Option<f64>) -> Self {
         let fast_mm_min = fast_mm_min.unwrap_or(probe.search_feed_mm_min);
-        let run_up_mm = GENTLE * run_up_mm(machine, fast_mm_min);
+        let run_up_mm = ACCELERATION_DISTANCE_FACTOR * run_up_mm(machine, fast_mm_min);
         let room_mm = run_up_mm + fast_mm_min / 60.0 * LONGEST_DELAY_S;
         Self { measuring_mm_min: probe.feed_mm_min, fast_mm_min, run_up_mm, room_mm }
     }

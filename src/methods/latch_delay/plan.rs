@@ -25,7 +25,7 @@ const BEYOND_MM: f64 = 0.3;
 /// Minimum cosine of the tilt of the part's axis: one degree.
 const UPRIGHT: f64 = 0.99985;
 /// Number of touches of one ball that are considered.
-const OF_A_BALL: usize = 5;
+const TOUCHES_PER_BALL: usize = 5;
 
 /// The touch of a plan, without number and feed.
 #[derive(Debug, Clone, PartialEq)]
@@ -194,7 +194,7 @@ fn on_ball(
     let (rotary, mut why_not) = (plan.machine.rotary_at_zero(), None);
     for ball in &balls.balls {
         let approach = Approach::Find { uncertainty_mm: within_mm, standoff_mm: STANDOFF_MM };
-        let task = BallTask { ball, rotary: &rotary, approach, touches: OF_A_BALL };
+        let task = BallTask { ball, rotary: &rotary, approach, touches: TOUCHES_PER_BALL };
         let steps = access.steps(&task, &plan.probe, StepKind::Touch, (0, 0), str::to_owned);
         match steps {
             Ok(steps) => {

@@ -27,17 +27,17 @@ const PRIMES: [f64; Axis::ALL.len()] = [2.0, 3.0, 5.0, 7.0, 11.0, 13.0, 17.0];
 const TOOL: Vector3<f64> = Vector3::new(0.0, 0.0, -150.0);
 /// Minimum share of its length that an independent column keeps after projection out of the others; below it
 /// the column is a linear combination of them.
-const INDEPENDENT: f64 = 1e-6;
+const MIN_INDEPENDENT_SHARE: f64 = 1e-6;
 /// Minimum coefficient of a named member of a linear combination, mm/mm.
-const COUNTS: f64 = 1e-2;
+const MIN_NAMED_COEFFICIENT: f64 = 1e-2;
 /// Tolerance within which a coefficient counts as one. A deviation within it comes from the slant of a bar.
-const WHOLE: f64 = 0.05;
+const UNIT_COEFFICIENT_TOLERANCE: f64 = 0.05;
 
 /// Distance of two balls with a certified length from their midpoint, mm.
 const HALF_LENGTH: f64 = 150.0;
 /// Weight of a certified length relative to a measured coordinate, large enough to keep the length nearly
 /// fixed.
-const STIFF: f64 = 30.0;
+const LENGTH_WEIGHT: f64 = 30.0;
 /// Minimum share of its length that the column of a gain keeps; otherwise even a slight slant of a length
 /// would show a gain, without use. About 0.65·cos² of the angle between length and axis; 12° of slant.
 const GAIN_SHOWS: f64 = 0.03;
@@ -100,7 +100,7 @@ impl Way<'_> {
     /// The coordinates of the stylus that do more than shift all balls alike.
     pub fn free_stylus(&self) -> Vec<usize> {
         let Columns { stylus, balls, .. } = self.columns(&[]);
-        independent_columns(&balls, &stylus, |_| INDEPENDENT)
+        independent_columns(&balls, &stylus, |_| MIN_INDEPENDENT_SHARE)
     }
 
     /// Those `candidates`, in their order, that are not linear combinations of stylus, balls and the
@@ -125,14 +125,16 @@ impl Way<'_> {
         let stylus = free.iter().map(|k| stylus[*k].clone());
         let known: Vec<Vec<f64>> = machine.into_iter().chain(stylus).chain(balls).collect();
         let shares = combination_of(&known, &column, least(&error))?;
-        let counts = |j: usize| length(&known[j]) * shares[j].abs() > COUNTS * length(&column);
+        let counts = |j: usize| {
+            length(&known[j]) * shares[j].abs() > MIN_NAMED_COEFFICIENT * length(&column)
+        };
         let of_errors = taken.iter().map(|other| (other.to_string(), kind(*other)));
         let of_stylus =
             free.iter().map(|k| (format!("tool_{}", ["x", "y", "z"][*k]), Kind::Offset));
         let mut beside = Confounding::default();
         for (j, (name, of)) in of_errors.chain(of_stylus).enumerate().filter(|(j, _)| counts(*j)) {
             let share = shares[j];
-            if of == kind(error) && (share.abs() - 1.0).abs() < WHOLE {
+            if of == kind(error) && (share.abs() - 1.0).abs() < UNIT_COEFFICIENT_TOLERANCE {
                 let sign = if share < 0.0 { '-' } else { '+' };
                 beside.sums.push(format!("{name} is given as {name} {sign} {error}"));
             }
@@ -166,8 +168,8 @@ impl Way<'_> {
             let first = 6 * i;
             for (j, column) in balls.iter_mut().enumerate() {
                 column.push(match j.checked_sub(first) {
-                    Some(k @ 0..3) => -along[k] * STIFF,
-                    Some(k @ 3..6) => along[k - 3] * STIFF,
+                    Some(k @ 0..3) => -along[k] * LENGTH_WEIGHT,
+                    Some(k @ 3..6) => along[k - 3] * LENGTH_WEIGHT,
                     _ => 0.0,
                 });
             }
@@ -212,7 +214,7 @@ fn kind(error: ErrorParameter) -> Kind {
 
 /// Minimum share of its length that an independent column keeps.
 fn least(error: &ErrorParameter) -> f64 {
-    if error.shape() == Shape::Gain { GAIN_SHOWS } else { INDEPENDENT }
+    if error.shape() == Shape::Gain { GAIN_SHOWS } else { MIN_INDEPENDENT_SHARE }
 }
 
 fn length(column: &[f64]) -> f64 {

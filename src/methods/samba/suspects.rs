@@ -14,9 +14,9 @@ use machine::kinematics::Shape;
 /// Probability of a false alarm over all measurements.
 const FALSE_ALARM: f64 = 1e-3;
 /// Minimum share of χ² that the step of a ball must explain to be named.
-const TELLING: f64 = 0.3;
+const MIN_CHI2_SHARE: f64 = 0.3;
 /// Leverage above which no other row checks a row.
-const ALONE: f64 = 1.0 - 1e-4;
+const MAX_LEVERAGE: f64 = 1.0 - 1e-4;
 /// Disagreement of a certified length with its balls beyond what a machine can have, mm/mm.
 const DISAGREES: f64 = 1e-4;
 
@@ -56,7 +56,7 @@ impl GeometrySolution<'_> {
         let left = (self.chi2() - gone) / self.dof().checked_sub(3)?.max(1) as f64;
         let probability = 1.0 - 2.0 * FALSE_ALARM / candidates.len() as f64;
         let (_, limit) = coverage::chi_square_bounds(3.0, probability)?;
-        if gone <= limit * left || gone <= TELLING * self.chi2() {
+        if gone <= limit * left || gone <= MIN_CHI2_SHARE * self.chi2() {
             return None;
         }
         Some(self.in_words(visits, *split, step.norm() * 1e3))
@@ -113,7 +113,7 @@ impl GeometrySolution<'_> {
         let leverage = self.minimum.factored.leverage();
         let told = self.balls.lengths.iter().enumerate().filter_map(|(i, length)| {
             let row = self.problem.row_of_bar(i);
-            let (off, against) = if leverage[row] > ALONE {
+            let (off, against) = if leverage[row] > MAX_LEVERAGE {
                 (self.scale(), "the machine's own scales")
             } else {
                 let alone = self.minimum.residuals[row] / (1.0 - leverage[row]);

@@ -45,7 +45,7 @@ use machine::record::plan::{Plan, Stage, Step};
 use machine::record::reading::Reading;
 
 pub const NAME: &str = "self-calibration";
-const AGAIN: &str = "touches that no other checks, once more";
+const UNCHECKED_TOUCHES_STAGE: &str = "touches that no other checks, once more";
 
 pub struct SelfCalibration {
     settings: Settings,
@@ -145,7 +145,9 @@ impl Method for SelfCalibration {
                 Ordering::Less => {
                     (format!("Tests 1a to 3, pass {}", pass + 1), first.steps.clone())
                 }
-                Ordering::Equal => (AGAIN.to_owned(), self.unchecked(plan, &planner)?),
+                Ordering::Equal => {
+                    (UNCHECKED_TOUCHES_STAGE.to_owned(), self.unchecked(plan, &planner)?)
+                }
                 Ordering::Greater => return Ok(Next::Done),
             };
             if steps.is_empty() {

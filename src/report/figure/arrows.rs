@@ -16,11 +16,11 @@ pub(super) const SIZE: (u32, u32) = (3 * PANEL as u32, (PANEL + FOOT) as u32);
 pub(super) const VIEWS: [(i32, [usize; 2]); 3] = [(0, [0, 1]), (1, [0, 2]), (2, [1, 2])];
 /// Distance from the middle of a panel to the farthest position, and length of the longest arrow without a
 /// flag, in picture units.
-const HALF: f64 = 140.0;
+const PANEL_HALF_WIDTH: f64 = 140.0;
 const LONGEST: f64 = 80.0;
 /// Maximum length of an arrow, in picture units: flagged ones may be longer than the others by orders of
 /// magnitude.
-const CUT: f64 = 100.0;
+const MAX_ARROW_LENGTH: f64 = 100.0;
 const HEAD: f64 = 18.0;
 
 /// Scales that all groups of a figure share.
@@ -50,7 +50,7 @@ impl Common {
         let length = length.unwrap_or(1.0);
         let value = round_step(0.4 * length);
         let text = format!("{} {}", label(value, value), number::unit(figure.unit));
-        let place = if reach > 0.0 { HALF / reach } else { 1.0 };
+        let place = if reach > 0.0 { PANEL_HALF_WIDTH / reach } else { 1.0 };
         Some(Self { middle, place, vector: LONGEST / length, key: (value, text) })
     }
 
@@ -96,7 +96,7 @@ impl Common {
 
     /// Picture units per unit of `vector`, reduced where the arrow would be too long.
     pub(super) fn factor(&self, vector: [f64; 3]) -> f64 {
-        self.vector * (CUT / (self.vector * norm(vector))).min(1.0)
+        self.vector * (MAX_ARROW_LENGTH / (self.vector * norm(vector))).min(1.0)
     }
 
     pub(super) fn scale(&self, area: &Area<'_>) -> Drawn {
@@ -121,7 +121,11 @@ impl Common {
 
     /// Whether a flagged arrow is drawn shorter than to scale.
     pub(in crate::report) fn cuts(&self, figure: &ArrowFigure) -> bool {
-        figure.groups.iter().flat_map(drawable).any(|a| self.vector * norm(a.vector) > CUT)
+        figure
+            .groups
+            .iter()
+            .flat_map(drawable)
+            .any(|a| self.vector * norm(a.vector) > MAX_ARROW_LENGTH)
     }
 }
 

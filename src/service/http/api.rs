@@ -7,7 +7,7 @@ use utoipa::{IntoParams, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-use super::Web;
+use super::AppState;
 use super::journal::read_journal;
 use super::openapi::views::{AuditView, ComparisonView, Contract, RunView, SeriesView};
 use super::problem::Problem;
@@ -23,7 +23,7 @@ use machine::record::reading::Reading;
 /// Maximum and default number of items in a list.
 const PAGE: usize = 200;
 
-pub fn routes() -> OpenApiRouter<Web> {
+pub fn routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
         .routes(routes!(machines))
         .routes(routes!(machine))
@@ -39,14 +39,14 @@ pub fn routes() -> OpenApiRouter<Web> {
 
 /// State of all machines.
 #[utoipa::path(get, path = "/api/v1/machines", responses((status = OK, body = Vec<MachineStatus>)))]
-async fn machines(State(web): State<Web>) -> Json<Vec<MachineStatus>> {
+async fn machines(State(web): State<AppState>) -> Json<Vec<MachineStatus>> {
     Json(web.machines.iter().map(MachineStatus::of).collect())
 }
 
 /// State of a machine.
 #[utoipa::path(get, path = "/api/v1/machines/{name}", params(("name" = String, Path)), responses((status = OK, body = MachineStatus)))]
 async fn machine(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<Json<MachineStatus>, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
@@ -57,7 +57,7 @@ async fn machine(
 /// each run; its control limits, its steps and its drifts.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/trends", params(("name" = String, Path)), responses((status = OK, body = Vec<SeriesView>)))]
 async fn trends(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<Json<Vec<Series>>, Problem> {
     let served = web.machine(&name).is_some();
@@ -120,7 +120,7 @@ impl RunsAsked {
 /// Runs, newest first.
 #[utoipa::path(get, path = "/api/v1/runs", params(RunsAsked), responses((status = OK, body = Vec<RunView>)))]
 async fn runs(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Query(asked): Query<RunsAsked>,
 ) -> Result<Json<Vec<RunSummary>>, Problem> {
     Ok(Json(
@@ -132,7 +132,7 @@ async fn runs(
 /// Audit log: requests, who made them, and their outcome, newest first.
 #[utoipa::path(get, path = "/api/v1/audit", params(Earlier), responses((status = OK, body = Vec<AuditView>)))]
 async fn audit(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Query(Earlier { before, limit }): Query<Earlier>,
 ) -> Result<Json<Vec<Audited>>, Problem> {
     Ok(Json(read_journal(&web, move |journal| journal.audits(before, most(limit))).await??))
@@ -153,7 +153,7 @@ struct OneRun {
 
 /// A run and its events.
 #[utoipa::path(get, path = "/api/v1/runs/{run}", params(("run" = i64, Path)), responses((status = OK, body = OneRun)))]
-async fn run(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<OneRun>, Problem> {
+async fn run(State(web): State<AppState>, Path(run): Path<i64>) -> Result<Json<OneRun>, Problem> {
     let stored = read_journal(&web, move |journal| journal.load(RunId(run))).await??;
     Ok(Json(OneRun {
         stages: stored.stages.len(),
@@ -166,7 +166,7 @@ async fn run(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<OneRun
 
 /// Plan of a run, as `trued export` writes it.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/plan", params(("run" = i64, Path)), responses((status = OK, body = Contract)))]
-async fn plan(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<Plan>, Problem> {
+async fn plan(State(web): State<AppState>, Path(run): Path<i64>) -> Result<Json<Plan>, Problem> {
     Ok(Json(read_journal(&web, move |journal| journal.load(RunId(run))).await??.plan))
 }
 
@@ -181,7 +181,7 @@ struct Readings {
 /// Readings of a run, without the first `after`.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/readings", params(("run" = i64, Path), Further), responses((status = OK, body = Readings)))]
 async fn readings(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(run): Path<i64>,
     Query(slice): Query<Further>,
 ) -> Result<Json<Readings>, Problem> {
@@ -193,7 +193,10 @@ async fn readings(
 
 /// Last estimate of a run, as `trued export` writes it.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/estimate", params(("run" = i64, Path)), responses((status = OK, body = Contract)))]
-async fn estimate(State(web): State<Web>, Path(run): Path<i64>) -> Result<Json<Estimate>, Problem> {
+async fn estimate(
+    State(web): State<AppState>,
+    Path(run): Path<i64>,
+) -> Result<Json<Estimate>, Problem> {
     let read = move |journal: &Journal| -> Result<Option<Estimate>, StoreError> {
         Ok(journal.load(RunId(run))?.estimates.pop().map(|stored| stored.estimate))
     };
@@ -212,13 +215,13 @@ pub(super) struct Pair {
 /// Difference of run `b` from run `a`: each value's and each function's, with its expanded uncertainty and E_n.
 #[utoipa::path(get, path = "/api/v1/compare", params(Pair), responses((status = OK, body = ComparisonView)))]
 async fn compared(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Query(pair): Query<Pair>,
 ) -> Result<Json<Comparison>, Problem> {
     Ok(Json(of_two(&web, pair).await?))
 }
 
 /// Comparison of two runs; the page uses it too.
-pub(super) async fn of_two(web: &Web, Pair { a, b }: Pair) -> Result<Comparison, Problem> {
+pub(super) async fn of_two(web: &AppState, Pair { a, b }: Pair) -> Result<Comparison, Problem> {
     Ok(read_journal(web, move |journal| compare(journal, RunId(a), RunId(b))).await??)
 }

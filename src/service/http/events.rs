@@ -16,7 +16,7 @@ use utoipa_axum::routes;
 use super::access::Caller;
 use super::problem::Problem;
 use super::status::MachineStatus;
-use super::{ServedMachine, Web};
+use super::{AppState, ServedMachine};
 
 /// Minimum time between two events that report changes.
 const EVERY: Duration = Duration::from_millis(100);
@@ -24,14 +24,14 @@ const EVERY: Duration = Duration::from_millis(100);
 /// changes that depend on time alone are sent. An SSE comment would only serve the first: a script cannot see it.
 const ALIVE: Duration = Duration::from_secs(5);
 
-pub fn routes() -> OpenApiRouter<Web> {
+pub fn routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new().routes(routes!(of_machine))
 }
 
 /// Events `standing`: the state of a machine at each change, and every 5 s.
 #[utoipa::path(get, path = "/api/v1/machines/{name}/events", params(("name" = String, Path)), responses((status = OK, body = MachineStatus, content_type = "text/event-stream")))]
 async fn of_machine(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
 ) -> Result<impl IntoResponse, Problem> {

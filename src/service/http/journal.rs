@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use axum::http::StatusCode;
 
-use super::Web;
+use super::AppState;
 use super::problem::Problem;
 use crate::store::Journal;
 
 /// Reads the journal outside the thread of the HTTP server, because the disk may be slow.
 pub async fn read_journal<T: Send + 'static>(
-    web: &Web,
+    web: &AppState,
     read: impl FnOnce(&Journal) -> T + Send + 'static,
 ) -> Result<T, Problem> {
     let journal = Arc::clone(&web.journal);

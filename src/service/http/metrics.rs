@@ -7,15 +7,15 @@ use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 
-use super::Web;
+use super::AppState;
 
 const OPEN_METRICS: &str = "application/openmetrics-text; version=1.0.0; charset=utf-8";
 
-pub fn routes() -> Router<Web> {
+pub fn routes() -> Router<AppState> {
     Router::new().route("/metrics", get(metrics))
 }
 
-async fn metrics(State(web): State<Web>) -> Response {
+async fn metrics(State(web): State<AppState>) -> Response {
     for machine in web.machines.iter() {
         let gate = &machine.gate;
         web.metrics.set_machine(&machine.name, gate.machine_state().state, gate.heartbeat().age());

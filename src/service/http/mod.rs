@@ -35,7 +35,7 @@ use super::command_gate::CommandGate;
 use super::config::{Cycle, Demand, Http};
 use super::metrics::Metrics;
 use super::{Log, ServeError};
-use crate::run::{ANSWERING, lower_priority};
+use crate::run::{HTTP_NICE, lower_priority};
 use crate::store::Journal;
 use machine::record::estimate::Limit;
 
@@ -56,7 +56,7 @@ pub struct ServedMachine {
 
 /// Shared state of all handlers.
 #[derive(Clone)]
-struct Web {
+struct AppState {
     machines: Arc<[ServedMachine]>,
     journal: Arc<Journal>,
     metrics: Metrics,
@@ -67,7 +67,7 @@ struct Web {
     holds: actions::Holds,
 }
 
-impl Web {
+impl AppState {
     fn machine(&self, name: &str) -> Option<&ServedMachine> {
         self.machines.iter().find(|machine| machine.name == name)
     }
@@ -110,14 +110,14 @@ pub fn start(
     let live = machines.iter().map(|machine| (machine.name.clone(), page::Shared::default()));
     let live = Arc::new(live.collect());
     let (machines, holds) = (machines.into(), actions::Holds::default());
-    let web = Web { machines, journal, metrics, access, readers, live, holds };
+    let web = AppState { machines, journal, metrics, access, readers, live, holds };
     let (followed, router) = (web.clone(), router(web, names));
     let told = log.clone();
     std::thread::Builder::new()
         .name("http".to_owned())
         .spawn(move || {
             // The reader threads that this thread starts inherit its lower priority.
-            lower_priority(ANSWERING);
+            lower_priority(HTTP_NICE);
             if let Err(error) = serve(listener, followed, router) {
                 told.fault(&format!("the page has ended: {error}"));
             }
@@ -130,7 +130,7 @@ pub fn start(
 /// Maximum number of concurrent readers of the journal; others wait, so that the run has the rest of the computer.
 const READERS: usize = 2;
 
-fn serve(listener: TcpListener, web: Web, router: Router) -> std::io::Result<()> {
+fn serve(listener: TcpListener, web: AppState, router: Router) -> std::io::Result<()> {
     let mut runtime = tokio::runtime::Builder::new_current_thread();
     let runtime = runtime.enable_all().max_blocking_threads(READERS).build()?;
     runtime.block_on(async {
@@ -142,7 +142,7 @@ fn serve(listener: TcpListener, web: Web, router: Router) -> std::io::Result<()>
     })
 }
 
-fn router(web: Web, names: guard::Names) -> Router {
+fn router(web: AppState, names: guard::Names) -> Router {
     let access = Arc::clone(&web.access);
     let all = openapi::routes().merge(page::routes()).merge(access::routes());
     let all = all.merge(metrics::routes());

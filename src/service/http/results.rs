@@ -11,16 +11,16 @@ use utoipa::ToSchema;
 
 use super::journal::read_journal;
 use super::openapi::views::VerdictView;
-use super::{ServedMachine, Web};
+use super::{AppState, ServedMachine};
 use crate::service::command_gate::CommandGate;
 use crate::service::machine_state::State;
 use crate::store::{Journal, LatestResult, NewestRuns, RunId, StoreError};
 use machine::record::estimate::{Parameter, Verdict};
 
 /// Period of the journal query; another process that measures does not notify this service.
-const AGAIN: Duration = Duration::from_secs(10);
+const POLL_PERIOD: Duration = Duration::from_secs(10);
 /// Maximum time by which a result may be later than the clock, because the clock may have been set back since.
-const AHEAD: SignedDuration = SignedDuration::from_hours(1);
+const MAX_CLOCK_SETBACK: SignedDuration = SignedDuration::from_hours(1);
 
 /// Newest result of one machine, as of the last query.
 #[derive(Debug, Clone)]
@@ -105,13 +105,13 @@ impl NewestResult {
     fn of(newest: &LatestResult, holds: SignedDuration, now: Timestamp) -> Self {
         let LatestResult { run, ended, verdict, .. } = newest;
         let age = now.duration_since(*ended);
-        let outdated = age > holds || age < -AHEAD;
+        let outdated = age > holds || age < -MAX_CLOCK_SETBACK;
         Self { run: run.0, measured: *ended, verdict: *verdict, outdated }
     }
 }
 
 /// Queries the journal whenever a run may have ended, for as long as the process lives.
-pub async fn follow(web: Web, machine: ServedMachine) {
+pub async fn follow(web: AppState, machine: ServedMachine) {
     let mut changes = machine.gate.changes();
     loop {
         let seen = ended(&machine.gate);
@@ -120,7 +120,7 @@ pub async fn follow(web: Web, machine: ServedMachine) {
         let _ = read_journal(&web, move |journal| last.look(journal, &name)).await;
         let other =
             async { while changes.changed().await.is_ok() && ended(&machine.gate) == seen {} };
-        let _ = tokio::time::timeout(AGAIN, other).await;
+        let _ = tokio::time::timeout(POLL_PERIOD, other).await;
     }
 }
 

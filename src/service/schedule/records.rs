@@ -8,9 +8,9 @@ use crate::service::Log;
 use crate::store::{Arming, Journal, Outcome, RunId, Slot, StoreError};
 
 /// Number of recent slots that a query reads.
-const RECENT: usize = 1000;
+const MAX_RECENT_SLOTS: usize = 1000;
 /// Name under which the program itself ends an arming.
-const SELF: &str = "trued";
+const AUTOMATIC_DISARM_NAME: &str = "trued";
 
 pub struct SlotRecords {
     pub machine: String,
@@ -42,7 +42,7 @@ impl SlotRecords {
 
     /// Recent slots, newest first.
     pub fn recent(&self) -> Result<Vec<Slot>, StoreError> {
-        self.journal.slots(&self.machine, RECENT)
+        self.journal.slots(&self.machine, MAX_RECENT_SLOTS)
     }
 
     /// Whether the slot may still start: it has no outcome, or was only missed.
@@ -86,7 +86,7 @@ impl SlotRecords {
     }
 
     pub fn disarm(&self, cycle: Option<u16>, why: &str) {
-        match self.journal.disarm(&self.machine, cycle, SELF, why).wait() {
+        match self.journal.disarm(&self.machine, cycle, AUTOMATIC_DISARM_NAME, why).wait() {
             Ok(0) => {}
             Ok(_) => self.log.say(&format!("schedule: disarmed: {why}")),
             Err(error) => self.log.fault(&format!("schedule: {error}; {}", error.remedy())),

@@ -7,7 +7,7 @@ use super::calendar::Calendar;
 /// Maximum delay of a check after a slot's time; beyond it, the slot is missed, although the service was running.
 const MAX_START_DELAY: SignedDuration = SignedDuration::from_mins(1);
 /// Maximum number of missed slots that are reported one by one.
-const MOST: usize = 50;
+const MAX_REPORTED_MISSED: usize = 50;
 
 #[derive(Debug, Default, PartialEq)]
 pub struct Window {
@@ -34,7 +34,7 @@ pub fn window(
         Some(last) if now.duration_since(last) <= MAX_START_DELAY => last,
         Some(last) => last.max(seen),
     };
-    let (mut missed, more) = calendar.between(from, now, MOST);
+    let (mut missed, more) = calendar.between(from, now, MAX_REPORTED_MISSED);
     let in_time = |at: &Timestamp| now.duration_since(*at) <= MAX_START_DELAY;
     let due = missed.last().copied().filter(|at| looked.is_some() && in_time(at));
     if due.is_some() {

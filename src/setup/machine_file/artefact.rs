@@ -13,7 +13,7 @@ use machine::artefact::{self, ArtefactFault, Entry};
 use machine::record::artefact::{Artefact, Balls};
 
 /// Maximum certified uncertainty, mm. A larger value is taken for a wrong unit.
-const MOST_CERTIFIED_U_MM: f64 = 0.1;
+const MAX_CERTIFIED_U_MM: f64 = 0.1;
 
 /// Keys of the placement of balls: origin of their coordinates in the table frame, and rotation about its Z
 /// axis.
@@ -107,7 +107,7 @@ fn balls(document: &Document, beside: ArtefactSource<'_>) -> Result<Balls, Machi
         let problem = Problem::Section { section: "artefact".to_owned(), why };
         return Err(document.error_at(&["artefact"], problem));
     }
-    if balls.certificate_u_mm.is_some_and(|u| !(u > 0.0 && u <= MOST_CERTIFIED_U_MM)) {
+    if balls.certificate_u_mm.is_some_and(|u| !(u > 0.0 && u <= MAX_CERTIFIED_U_MM)) {
         return Err(wrong(
             "certificate_u_mm",
             "must be greater than 0 and at most 0.1: half of the certificate's U (k = 2), in mm",

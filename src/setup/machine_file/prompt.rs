@@ -9,7 +9,7 @@ use super::document::Document;
 use super::error::{MachineFileError, Problem};
 
 /// Maximum length of a prompt, characters: longer texts are not read at a machine.
-const LONGEST: usize = 200;
+const MAX_PROMPT_CHARS: usize = 200;
 
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -34,8 +34,8 @@ pub fn read(document: &Document, machine: &Machine) -> Result<Vec<Prompt>, Machi
         let why = match text.chars().count() {
             _ if text.trim().is_empty() => "must say what is to be done".to_owned(),
             _ if text.chars().any(char::is_control) => "must stand in one line".to_owned(),
-            long if long > LONGEST => {
-                format!("has {long} characters; at most {LONGEST} are read at a machine")
+            long if long > MAX_PROMPT_CHARS => {
+                format!("has {long} characters; at most {MAX_PROMPT_CHARS} are read at a machine")
             }
             _ => continue,
         };

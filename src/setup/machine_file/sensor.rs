@@ -103,7 +103,7 @@ struct Keys {
 }
 
 /// Maximum deviation of a direction's length from 1.
-const UNIT: f64 = 1e-6;
+const UNIT_VECTOR_TOLERANCE: f64 = 1e-6;
 
 impl Keys {
     /// The interface of the sensor.
@@ -162,7 +162,7 @@ fn check(sensor: &sensor::Sensor) -> Result<(), String> {
         return Err("`name` must be one of its own; `probe` is the touch probe".to_owned());
     }
     let square: f64 = sensor.direction.iter().map(|part| part * part).sum();
-    if (square.sqrt() - 1.0).abs() > UNIT {
+    if (square.sqrt() - 1.0).abs() > UNIT_VECTOR_TOLERANCE {
         return Err(format!(
             "`direction` is {} long; it must be a unit vector, [0.0, 0.0, -1.0] looks down",
             square.sqrt()

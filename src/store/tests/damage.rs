@@ -129,7 +129,7 @@ fn rows_that_are_changed_stay_sound() {
     journal.set_state(run, RunState::Running).wait().unwrap();
     journal.event(run, &Event::Resumed { gap_s: 12.5 }).wait().unwrap();
     journal.set_state(run, RunState::Finished).wait().unwrap();
-    journal.forget_scans(run).unwrap();
+    journal.remove_scan_samples(run).unwrap();
     assert_eq!(journal.disarm("mill", None, "Ada", "").wait().unwrap(), 1);
     let slot = journal.slots("mill", 1).unwrap().remove(0);
     assert!(journal.slot(&Slot { outcome: Outcome::Ran, run: run.0, ..slot }).wait().unwrap());

@@ -46,7 +46,7 @@ fn a_run_that_ends_keeps_its_mean_temperatures_and_older_ones_have_none() {
     let expected = [vec![], vec![("bed", 20.75), ("spindle", 30.5)]];
     assert_eq!(means.collect::<Vec<_>>(), expected);
     // The removal of old samples does not change the means.
-    journal.forget_scans(run).unwrap();
+    journal.remove_scan_samples(run).unwrap();
     assert_eq!(measured(), known);
 }
 

@@ -159,10 +159,10 @@ fn only_samples_go_and_only_where_an_estimate_stands() {
     let was = journal.load(old).unwrap();
     let now = Timestamp::now();
     let earlier = now - std::time::Duration::from_secs(3600);
-    assert!(journal.outlived(earlier).unwrap().is_empty());
-    assert_eq!(journal.outlived(now).unwrap(), [old]);
-    assert_eq!(journal.forget_scans(old).unwrap(), 3);
-    assert_eq!(journal.forget_scans(old).unwrap(), 0);
+    assert!(journal.runs_with_expired_samples(earlier).unwrap().is_empty());
+    assert_eq!(journal.runs_with_expired_samples(now).unwrap(), [old]);
+    assert_eq!(journal.remove_scan_samples(old).unwrap(), 3);
+    assert_eq!(journal.remove_scan_samples(old).unwrap(), 0);
     let is = journal.load(old).unwrap();
     assert_eq!(is.readings, [reading(0)]);
     assert_eq!((&is.estimates, &is.plan, &is.config), (&was.estimates, &was.plan, &was.config));

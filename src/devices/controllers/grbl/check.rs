@@ -3,7 +3,7 @@
 
 use super::message::{Message, Status};
 use crate::controllers::ControllerError;
-pub(super) use crate::controllers::arrival::{astray, off_the_way, tolerance};
+pub(super) use crate::controllers::arrival::{astray, contact_off_path, tolerance};
 use planning::proof::ProvenModes;
 
 /// Modal groups; one word of each group is in force.

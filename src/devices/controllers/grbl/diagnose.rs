@@ -31,13 +31,13 @@ impl Config {
         }
         let other = port_scan::on_serial(path, baud, KIND).await;
         let because = || format!("{heard}; asked at other speeds and in Modbus as well");
-        vec![other.unwrap_or_else(|| port_scan::nobody(path, &because()))]
+        vec![other.unwrap_or_else(|| port_scan::no_known_device(path, &because()))]
     }
 
     async fn at_socket(&self, address: &Address, heard: &str) -> Vec<Diagnosis> {
         let other = port_scan::on_tcp(&self.link, KIND).await;
         let because = || format!("{heard}; asked in the languages of other controls as well");
-        vec![other.unwrap_or_else(|| port_scan::nobody(&address.to_string(), &because()))]
+        vec![other.unwrap_or_else(|| port_scan::no_known_device(&address.to_string(), &because()))]
     }
 }
 

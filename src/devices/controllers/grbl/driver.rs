@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::check;
-use super::fault::stands_after;
+use super::fault::is_at_rest_after;
 use super::message::{Message, Status};
 use super::watch::Patience;
 use super::wire::Wire;
@@ -227,7 +227,7 @@ impl Grbl {
     /// the driver holds it; after that only a new link accepts lines.
     fn failed(&mut self, error: ControllerError) -> ControllerError {
         self.ready = false;
-        if !stands_after(&error) {
+        if !is_at_rest_after(&error) {
             self.wire.hold();
         }
         error
@@ -276,7 +276,7 @@ impl Driver for Grbl {
     }
 
     async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
-        self.say_who().await
+        self.report_identity().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {

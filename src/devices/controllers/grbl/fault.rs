@@ -81,7 +81,7 @@ pub(super) fn out_of_step(heard: &Message) -> ControllerError {
 
 /// Whether the machine is at rest after `error`: the control reports the fault at a standstill, or a hold
 /// was sent.
-pub(super) fn stands_after(error: &ControllerError) -> bool {
+pub(super) fn is_at_rest_after(error: &ControllerError) -> bool {
     use ControllerError as E;
     matches!(
         error,

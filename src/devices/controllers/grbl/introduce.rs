@@ -13,7 +13,7 @@ use machine::Axis;
 /// Resolution of the reports, mm or degrees: they print three decimals.
 const SHOWN: f64 = 0.001;
 impl Grbl {
-    pub(super) async fn say_who(&mut self) -> Result<DeviceInfo, ControllerError> {
+    pub(super) async fn report_identity(&mut self) -> Result<DeviceInfo, ControllerError> {
         if !self.ready {
             let status = self.wire.wake().await?;
             // The control refuses `$I` while it moves.

@@ -76,7 +76,8 @@ impl Grbl {
             return Err(ControllerError::ContradictoryTouch { step, first, again });
         }
         let contact = contact.only(|axis| axis != Axis::S);
-        let astray = check::off_the_way(&from, &self.stood, &contact, |axis| self.tolerance(axis));
+        let astray =
+            check::contact_off_path(&from, &self.stood, &contact, |axis| self.tolerance(axis));
         astray.map_or(Ok(status), Err)
     }
 

@@ -77,7 +77,7 @@ impl Wire {
         line: &str,
         still: Duration,
     ) -> Result<Vec<Message>, ControllerError> {
-        self.catch_up().await?;
+        self.process_unsolicited().await?;
         if self.halt.is_halted() {
             // Lines accepted before the halt may still move the machine.
             return Err(self.halted().await);
@@ -293,7 +293,7 @@ impl Wire {
     /// Processes messages that came without a request. A reset or an alarm ends the job; so does a surplus
     /// answer, which could be taken for the answer to the next line. The requested status report comes
     /// after a surplus answer.
-    async fn catch_up(&mut self) -> Result<(), ControllerError> {
+    async fn process_unsolicited(&mut self) -> Result<(), ControllerError> {
         if self.unsure && !self.halt.is_halted() {
             let status = self.status().await?;
             self.unless_halted(&status).await?;

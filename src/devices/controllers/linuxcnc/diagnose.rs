@@ -32,7 +32,11 @@ impl Config {
             Leave::Ask if strange => {
                 let other = port_scan::on_tcp(&at, KIND).await;
                 let because = format!("{failed}; asked in the languages of other controls as well");
-                vec![other.unwrap_or_else(|| port_scan::nobody(&address.to_string(), &because))]
+                vec![
+                    other.unwrap_or_else(|| {
+                        port_scan::no_known_device(&address.to_string(), &because)
+                    }),
+                ]
             }
             Leave::Listen if strange => vec![Diagnosis {
                 seen: false,

@@ -55,7 +55,7 @@ pub struct LinuxCnc {
     halting: Rsh,
     halt: Halt,
     files: Files,
-    /// Mode of the control to restore at the end.
+    /// Mode of the control, which `finish` restores; each program restores its other modal state itself.
     mode_found: Option<String>,
     ready: bool,
     /// Orientation of the spindle, rad, once it was commanded.
@@ -277,7 +277,7 @@ impl LinuxCnc {
         self.spindle = turned.or(self.spindle);
         match (part.motions.iter().any(touches), verdict) {
             (true, Some(Verdict::Touch(at))) => {
-                if let Some(error) = way::off_the_way(&part.motions, &at) {
+                if let Some(error) = way::contact_off_path(&part.motions, &at) {
                     return Err(error);
                 }
                 let at = at.only(|axis| self.settings.axes.contains(&axis));
@@ -370,9 +370,8 @@ impl Driver for LinuxCnc {
         self.sampler.is_some()
     }
 
-    /// Every program restores the modal state itself; only the probe and the mode are left to `finish`.
     async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
-        self.say_who().await
+        self.report_identity().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {

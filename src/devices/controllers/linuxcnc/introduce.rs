@@ -26,7 +26,7 @@ const S_PER_MIN: f64 = 60.0;
 const SHOWN: f64 = 0.000_001;
 
 impl LinuxCnc {
-    pub(super) async fn say_who(&mut self) -> Result<DeviceInfo, ControllerError> {
+    pub(super) async fn report_identity(&mut self) -> Result<DeviceInfo, ControllerError> {
         let identity = format!("LinuxCNC, {}", self.rsh.server);
         let Some(path) = &self.settings.ini else {
             let axes = self.settings.axes.iter().map(|axis| (*axis, ReportedAxis::default()));

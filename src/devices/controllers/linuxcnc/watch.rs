@@ -2,7 +2,7 @@
 //!
 //! linuxcncrsh answers `get` from a copy of the task's state. If the task is frozen or dead, the copy
 //! becomes outdated and the answers continue. Only an acknowledgement of the task proves that it is alive:
-//! a `set` waits for it. So after [`QUIET`] without a change, the driver sets a setting to its present
+//! a `set` waits for it. So after [`SIGN_OF_LIFE_INTERVAL`] without a change, the driver sets a setting to its present
 //! value.
 
 use std::time::Duration;
@@ -24,7 +24,7 @@ const POLL: Duration = Duration::from_millis(4);
 /// as stopped.
 const STOPPED: Duration = Duration::from_millis(60);
 /// Time without a change after which a sign of life is requested, and interval of the requests.
-const QUIET: Duration = Duration::from_secs(1);
+const SIGN_OF_LIFE_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum time for which a running program on a live task may neither move nor log: after it something
 /// holds the program.
 const STALL: Duration = Duration::from_secs(10);
@@ -33,7 +33,7 @@ const STALL: Duration = Duration::from_secs(10);
 const BRAKES: Duration = Duration::from_secs(5);
 /// Maximum time until the task updates its reported state. `AT_REST` is the largest change of the feedback
 /// at rest, mm or degrees.
-const SHOWN: Duration = Duration::from_millis(30);
+const STATE_UPDATE_TIME: Duration = Duration::from_millis(30);
 const AT_REST: f64 = 0.01;
 
 /// The program that is watched.
@@ -147,7 +147,7 @@ impl NoProgress {
         if now != self.last {
             *self = Self { last: now, ..Self::now() };
         }
-        if self.asked.elapsed() < QUIET {
+        if self.asked.elapsed() < SIGN_OF_LIFE_INTERVAL {
             return Ok(());
         }
         sign_of_life(rsh).await?;
@@ -189,7 +189,7 @@ pub(super) async fn sign_of_life(rsh: &mut Rsh) -> Result<(), ControllerError> {
 pub(super) async fn stop(rsh: &mut Rsh) -> Result<(), ControllerError> {
     let deadline = Instant::now() + BRAKES;
     // Wait, so that the first hold is processed alone.
-    sleep(SHOWN).await;
+    sleep(STATE_UPDATE_TIME).await;
     while Instant::now() < deadline {
         if heard(rsh.enable().await)?.is_some()
             && heard(rsh.command("abort").await)?.is_some()
@@ -210,7 +210,7 @@ async fn at_rest(rsh: &mut Rsh) -> Result<bool, ControllerError> {
     let mm = state::unit_mm(rsh).await?;
     let mut before = state::numbers(rsh, "abs_act_pos").await?;
     for _ in 0..2 {
-        sleep(SHOWN).await;
+        sleep(STATE_UPDATE_TIME).await;
         let now = state::numbers(rsh, "abs_act_pos").await?;
         let moved = before.iter().zip(&now).any(|(one, other)| (one - other).abs() * mm > AT_REST);
         if moved || rsh.get("program_status").await? != "IDLE" {

@@ -32,7 +32,7 @@ pub(super) fn end_of_turns(motions: &[Motion]) -> Option<Position> {
 }
 
 /// Error if the contact at `at` is not between the start of the probing move of `motions` and its target.
-pub(super) fn off_the_way(motions: &[Motion], at: &Position) -> Option<ControllerError> {
+pub(super) fn contact_off_path(motions: &[Motion], at: &Position) -> Option<ControllerError> {
     let probing = motions.iter().position(|motion| matches!(motion, Motion::Probe { .. }))?;
     let (from, to) = (after(&motions[..probing]), after(&motions[..=probing]));
     // The position of an axis before the first motion is not known here.
@@ -40,7 +40,7 @@ pub(super) fn off_the_way(motions: &[Motion], at: &Position) -> Option<Controlle
     if at.is_empty() {
         return None;
     }
-    arrival::off_the_way(&from, &to, &at, |axis| arrival::tolerance(axis, None))
+    arrival::contact_off_path(&from, &to, &at, |axis| arrival::tolerance(axis, None))
 }
 
 /// End position of each axis that `motions` move.
@@ -101,10 +101,10 @@ mod tests {
     #[test]
     fn a_touch_ends_anywhere_but_its_contact_lies_on_its_way() {
         assert!(astray(&touch(), &at(28.0, -90.0)).is_none());
-        assert!(off_the_way(&touch(), &at(28.0, -90.0)).is_none());
+        assert!(contact_off_path(&touch(), &at(28.0, -90.0)).is_none());
         // Result of another touch.
-        assert!(off_the_way(&touch(), &at(-28.0, -90.0)).is_some());
-        assert!(off_the_way(&touch(), &at(28.0, 30.0)).is_some());
+        assert!(contact_off_path(&touch(), &at(-28.0, -90.0)).is_some());
+        assert!(contact_off_path(&touch(), &at(28.0, 30.0)).is_some());
     }
 
     #[test]

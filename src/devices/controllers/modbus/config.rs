@@ -46,10 +46,13 @@ pub struct Config {
     pub(super) dialect: String,
 }
 
-type Behind = (Map, Option<Arc<Program>>);
+type WindowConfig = (Map, Option<Arc<Program>>);
 
 /// Converts the keys to the register map of the window, and to the resident program if there is one.
-fn window(registers: map::keys::Keys, program: Option<program::Keys>) -> Result<Behind, String> {
+fn window(
+    registers: map::keys::Keys,
+    program: Option<program::Keys>,
+) -> Result<WindowConfig, String> {
     let Some(keys) = program else { return Ok((registers.try_into()?, None)) };
     let map = registers.of_program()?;
     let program = Program::of(keys, &map)?;

@@ -71,7 +71,7 @@ impl Config {
         if leave == Leave::Listen {
             return vec![Diagnosis { vague: true, ..shifted() }];
         }
-        for (by, other) in otherwise::OFF {
+        for (by, other) in otherwise::STATUS_SHIFTS {
             let Some(map) = otherwise::moved(&self.map, by, other) else { continue };
             let Some(block) = status(&modbus, &map).await else { continue };
             if otherwise::is_status(&map, &block) {
@@ -137,7 +137,7 @@ impl Config {
         let at = self.device.line.to_string();
         let because =
             || format!("{failed}; asked under other numbers and in other languages as well");
-        vec![found.unwrap_or_else(|| port_scan::nobody(&at, &because()))]
+        vec![found.unwrap_or_else(|| port_scan::no_known_device(&at, &because()))]
     }
 
     async fn on_the_line(&self, path: &str, baud: u32) -> Option<Diagnosis> {

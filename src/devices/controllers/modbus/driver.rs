@@ -7,7 +7,7 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep};
 
 use super::Config;
-use super::fault::{PROBE_CLOSED, probe_open, stands_after};
+use super::fault::{PROBE_CLOSED, is_at_rest_after, probe_open};
 use super::patience::Patience;
 use super::program::Program;
 use super::status::Status;
@@ -205,7 +205,7 @@ impl ModbusControl {
         let from = std::mem::replace(&mut self.stood, status.position.clone());
         let contact = self.of_machine(&status.latch);
         let astray =
-            arrival::off_the_way(&from, &self.stood, &contact, |axis| self.tolerance(axis));
+            arrival::contact_off_path(&from, &self.stood, &contact, |axis| self.tolerance(axis));
         if let Some(error) = astray {
             return Err(error);
         }
@@ -300,7 +300,7 @@ impl ModbusControl {
     /// the driver holds it; after that only a new link accepts lines.
     fn failed(&mut self, error: ControllerError) -> ControllerError {
         self.ready = false;
-        if !stands_after(&error) {
+        if !is_at_rest_after(&error) {
             self.window.hold();
         }
         error
@@ -344,7 +344,7 @@ impl Driver for ModbusControl {
     }
 
     async fn introduce(&mut self) -> Result<DeviceInfo, ControllerError> {
-        self.say_who().await
+        self.report_identity().await
     }
 
     async fn finish(&mut self) -> Result<(), ControllerError> {

@@ -1,13 +1,13 @@
 //! Properties that the control reports: the registers of its status, read once.
 
 use super::driver::ModbusControl;
-use super::otherwise::BEYOND;
+use super::otherwise::TRAVEL_MARGIN;
 use super::status::Status;
 use crate::controllers::{ControllerError, DeviceInfo, ReadinessFinding, ReportedAxis};
 use machine::Axis;
 
 impl ModbusControl {
-    pub(super) async fn say_who(&mut self) -> Result<DeviceInfo, ControllerError> {
+    pub(super) async fn report_identity(&mut self) -> Result<DeviceInfo, ControllerError> {
         let status = self.window.status().await?;
         let places = &self.window.map.status.position;
         let says = |(axis, register): (&Axis, &super::map::Register)| {
@@ -28,7 +28,7 @@ impl ModbusControl {
         for (axis, spec) in &self.machine.axes {
             let Some(value) = status.position.get(*axis) else { continue };
             let stands = axis.to_edge(value);
-            if stands < spec.min - BEYOND || stands > spec.max + BEYOND {
+            if stands < spec.min - TRAVEL_MARGIN || stands > spec.max + TRAVEL_MARGIN {
                 let what = format!(
                     "{axis} is read as {stands}, outside its travel from {} to {}: suspected: wrong scale or \
                      type of its position, or a travel that is not the machine's",

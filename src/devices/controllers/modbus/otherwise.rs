@@ -12,10 +12,10 @@ use machine::record::machine::Machine;
 const ORDERS: [Order; 4] = [Order::Abcd, Order::Cdab, Order::Badc, Order::Dcba];
 const SCALES: [f64; 7] = [1.0, 0.1, 0.01, 0.001, 0.0001, 0.00001, 0.000001];
 /// Largest distance of an axis beyond the travel of the machine file, mm or degrees.
-pub(super) const BEYOND: f64 = 1.0;
+pub(super) const TRAVEL_MARGIN: f64 = 1.0;
 /// Smallest magnitude of a plausible position other than zero, mm or degrees.
-const LEAST: f64 = 1e-4;
-const NOTHING: f64 = 1e-20;
+const MIN_POSITION: f64 = 1e-4;
+const MISREAD_INTEGER_LIMIT: f64 = 1e-20;
 
 /// Another setting with which the positions can be read.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,7 +54,7 @@ impl Change {
 /// Whether `value` is a small whole number read as floating point: its magnitude is far below that of any
 /// position.
 pub(super) fn is_no_position(value: f64) -> bool {
-    value != 0.0 && value.abs() < NOTHING
+    value != 0.0 && value.abs() < MISREAD_INTEGER_LIMIT
 }
 
 /// Whether the positions in `block` are possible for `machine`: each within its travel.
@@ -77,8 +77,8 @@ pub(super) fn suspects(map: &Map, block: &[u16], machine: &Machine) -> Vec<Diagn
         let Some(positions) = positions(&map.status, block, machine, Some(change)) else {
             continue;
         };
-        let real = positions.iter().any(|(_, value)| value.abs() >= LEAST)
-            && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= LEAST);
+        let real = positions.iter().any(|(_, value)| value.abs() >= MIN_POSITION)
+            && positions.iter().all(|(_, value)| *value == 0.0 || value.abs() >= MIN_POSITION);
         // Among the scales that fit, the largest represents all; among types with the same result, the
         // first.
         let scaled =
@@ -131,12 +131,14 @@ fn within(positions: &[(Axis, f64)], machine: &Machine) -> bool {
             return false;
         }
         let travel = machine.axes.get(axis);
-        travel.is_none_or(|spec| (spec.min - BEYOND..=spec.max + BEYOND).contains(value))
+        travel.is_none_or(|spec| {
+            (spec.min - TRAVEL_MARGIN..=spec.max + TRAVEL_MARGIN).contains(value)
+        })
     })
 }
 
 /// Other locations of the status that are tried: shift in registers, and whether in the other space.
-pub(super) const OFF: [(i16, bool); 5] =
+pub(super) const STATUS_SHIFTS: [(i16, bool); 5] =
     [(-1, false), (1, false), (0, true), (-1, true), (1, true)];
 
 /// Returns the map with its status shifted by `by` registers, and in the other space if `other`.

@@ -15,7 +15,7 @@ const TRIES: usize = 4;
 impl Window {
     /// Writes the chunk and all that belongs to it, and reads each item back. The control does not act
     /// before the sequence number is written: an unanswered write is repeated.
-    pub(super) async fn lay_down(&self, chunk: &[u8]) -> Result<(), ControllerError> {
+    pub(super) async fn write_chunk(&self, chunk: &[u8]) -> Result<(), ControllerError> {
         let command = &self.map.command;
         let length = u16::try_from(chunk.len()).unwrap_or(u16::MAX);
         let beat = next_beat(&self.beat);
@@ -28,13 +28,13 @@ impl Window {
         ];
         let items: Result<Vec<_>, _> = items.into_iter().collect();
         for (address, words) in joined(items.map_err(unwritable)?) {
-            self.write_again(address, &words).await?;
+            self.write_with_retry(address, &words).await?;
         }
         Ok(())
     }
 
     /// Writes registers that have no effect by themselves, and checks that they keep the values.
-    async fn write_again(&self, address: u16, words: &[u16]) -> Result<(), ControllerError> {
+    async fn write_with_retry(&self, address: u16, words: &[u16]) -> Result<(), ControllerError> {
         let mut left = TRIES;
         while let Err(error) = self.link.write(address, words).await {
             left -= 1;
@@ -50,7 +50,7 @@ impl Window {
     /// Acknowledges a result that was read. A repeated acknowledgement does no harm.
     pub(super) async fn acknowledge(&self, number: u16) -> Result<(), ControllerError> {
         let (at, words) = self.map.command.acknowledge.write(number).map_err(unwritable)?;
-        self.write_again(at, &words).await
+        self.write_with_retry(at, &words).await
     }
 
     /// Writes the sequence number: the control acts when it changes. The control accepts each number only

@@ -216,7 +216,7 @@ impl Window {
             return Err(ControllerError::Halted);
         }
         let sequence = self.coming();
-        let sent = match self.lay_down(chunk).await {
+        let sent = match self.write_chunk(chunk).await {
             Ok(()) => self.start(sequence).await,
             Err(error) => Err(error),
         };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use tokio::time::{Duration, Instant, sleep_until};
 
 use super::Config;
-use super::standing::Standing;
+use super::standing::FrozenValueDetector;
 use crate::sensors::follow::CounterTracker;
 use crate::sensors::layout::Decoded;
 use crate::sensors::{Driver, Named, Opening, Port, Prepared, Sample, Sensor, SensorError};
@@ -25,7 +25,7 @@ pub struct Registers {
     link: Modbus,
     counting: CounterTracker,
     /// Detects an unchanged value by its noise, if there is no counter.
-    standing: Option<Standing>,
+    standing: Option<FrozenValueDetector>,
     /// Samples a second of a simulated sensor whose time advances only when it is read.
     simulated_hz: Option<f64>,
     next_read: Instant,
@@ -62,7 +62,7 @@ impl Registers {
             // A sensor that measures when it is read has no unchanged values.
             standing: match simulated_hz {
                 Some(_) => None,
-                None => Standing::of(&config.map, sensor, config.device.timeout),
+                None => FrozenValueDetector::of(&config.map, sensor, config.device.timeout),
             },
             simulated_hz,
             next_read: Instant::now(),
@@ -143,7 +143,7 @@ impl Driver for Registers {
             self.counting.follow(self.clock.now_s(), first);
             let begun = Instant::now();
             let mut count = 0;
-            let all_the_same = |standing: &Option<Standing>, count: usize| {
+            let all_the_same = |standing: &Option<FrozenValueDetector>, count: usize| {
                 standing.as_ref().is_some_and(|seen| seen.times() as usize >= count)
             };
             while (count < ENOUGH || all_the_same(&self.standing, count))
@@ -152,7 +152,7 @@ impl Driver for Registers {
                 let stands = self.next().await?.flag == Flag::Stale;
                 count += usize::from(!stands);
             }
-            if count == 0 || self.standing.as_ref().is_some_and(Standing::stood) {
+            if count == 0 || self.standing.as_ref().is_some_and(FrozenValueDetector::stood) {
                 return Err(SensorError::UnexpectedDevice {
                     text: "its registers stand: counter or value is always the same, or the status says \
                            so"

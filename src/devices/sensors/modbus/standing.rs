@@ -7,11 +7,11 @@ use super::map::Map;
 use machine::record::sensor::Sensor;
 
 /// Number of equal values after which a value counts as unchanged, if the timeout has passed too.
-const SAME: u32 = 20;
+const MIN_EQUAL_VALUES: u32 = 20;
 /// Smallest standard deviation of the noise, in counts: with less noise a value may repeat again and again.
-const COUNTS: f64 = 4.0;
+const MIN_NOISE_COUNTS: f64 = 4.0;
 
-pub(super) struct Standing {
+pub(super) struct FrozenValueDetector {
     patience: Duration,
     value_mm: f64,
     since: Instant,
@@ -19,11 +19,11 @@ pub(super) struct Standing {
     stood: bool,
 }
 
-impl Standing {
+impl FrozenValueDetector {
     /// Returns the detector; `None` if detection is impossible, or if there is a counter.
     pub fn of(map: &Map, sensor: &Sensor, patience: Duration) -> Option<Self> {
         let noise_mm = 1e-3 * sensor.noise_um.filter(|noise| *noise > 0.0)?;
-        let seen = map.round().is_none() && COUNTS * map.count_mm() <= noise_mm;
+        let seen = map.round().is_none() && MIN_NOISE_COUNTS * map.count_mm() <= noise_mm;
         let (value_mm, since) = (f64::NAN, Instant::now());
         seen.then_some(Self { patience, value_mm, since, times: 0, stood: false })
     }
@@ -34,7 +34,7 @@ impl Standing {
             *self = Self { value_mm, since: now, times: 0, ..*self };
         }
         self.times = self.times.saturating_add(1);
-        self.stood = self.times >= SAME && now - self.since >= self.patience;
+        self.stood = self.times >= MIN_EQUAL_VALUES && now - self.since >= self.patience;
         self.stood
     }
 
@@ -58,7 +58,8 @@ mod tests {
         let patience = Duration::from_secs(1);
         let begun = Instant::now();
         let (value_mm, since) = (f64::NAN, begun);
-        let mut standing = Standing { patience, value_mm, since, times: 0, stood: false };
+        let mut standing =
+            FrozenValueDetector { patience, value_mm, since, times: 0, stood: false };
         let at = |ms: u64| begun + Duration::from_millis(ms);
         // Many equal values, but within a short time.
         assert!((0..200).all(|n| !standing.sees(1.5, at(n))));

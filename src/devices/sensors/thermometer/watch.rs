@@ -12,9 +12,9 @@ use super::{Entry, Reached, SimulatedTemperature, ThermometerError, by_device, f
 /// Maximum time for the first values before the first touch: longer than a port may take to be released.
 const PATIENCE: Duration = Duration::from_secs(6);
 const LOOK: Duration = Duration::from_millis(10);
-/// Number of requests while a value is valid; the interval of the requests is between the two of `PACES`.
-const ASKED: u32 = 4;
-const PACES: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
+/// Number of requests while a value is valid; the interval of the requests is between the two of `POLL_INTERVAL_LIMITS`.
+const POLLS_PER_VALIDITY: u32 = 4;
+const POLL_INTERVAL_LIMITS: [Duration; 2] = [Duration::from_millis(100), Duration::from_secs(5)];
 
 /// Thermometers that are polled until this is dropped.
 pub struct Watch {
@@ -29,14 +29,14 @@ struct Watched {
 }
 
 enum By {
-    Polled(Arc<Mutex<Said>>, Duration),
+    Polled(Arc<Mutex<LastValue>>, Duration),
     /// Simulated time does not advance during the read.
     Felt(Option<SimulatedTemperature>),
 }
 
 /// Values of one thermometer.
 #[derive(Default)]
-struct Said {
+struct LastValue {
     newest: Option<(f64, Instant)>,
     /// Reason why the last request gave no value.
     why: Option<String>,
@@ -54,14 +54,19 @@ impl Watch {
         for of_device in by_device(entries).into_values() {
             let mut channels = Vec::new();
             for (entry, config) in &of_device {
-                let said = Arc::new(Mutex::new(Said::default()));
+                let said = Arc::new(Mutex::new(LastValue::default()));
                 channels.push(((*config).clone(), said.clone()));
                 all.push(Watched { name: entry.name.clone(), by: By::Polled(said, entry.stale) });
             }
             let soonest = of_device.iter().map(|(entry, _)| entry.stale).min().unwrap_or_default();
             let (keep, ended) = oneshot::channel();
             until.push(keep);
-            tokio::spawn(poll(channels, (soonest / ASKED).clamp(PACES[0], PACES[1]), ended));
+            tokio::spawn(poll(
+                channels,
+                (soonest / POLLS_PER_VALIDITY)
+                    .clamp(POLL_INTERVAL_LIMITS[0], POLL_INTERVAL_LIMITS[1]),
+                ended,
+            ));
         }
         Self { all, _until: until }
     }
@@ -88,7 +93,7 @@ impl Watch {
     }
 }
 
-impl Said {
+impl LastValue {
     fn keep(&mut self, said: Result<f64, ThermometerError>) {
         self.asked = true;
         match said {
@@ -107,13 +112,13 @@ impl Said {
     }
 }
 
-fn locked(said: &Mutex<Said>) -> std::sync::MutexGuard<'_, Said> {
+fn locked(said: &Mutex<LastValue>) -> std::sync::MutexGuard<'_, LastValue> {
     said.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Polls one device, channel by channel.
 async fn poll(
-    channels: Vec<(Config, Arc<Mutex<Said>>)>,
+    channels: Vec<(Config, Arc<Mutex<LastValue>>)>,
     pace: Duration,
     mut until: oneshot::Receiver<()>,
 ) {
@@ -142,7 +147,7 @@ mod tests {
     #[test]
     fn what_was_said_is_true_for_a_while() {
         const HOUR: Duration = Duration::from_secs(3600);
-        let mut said = Said::default();
+        let mut said = LastValue::default();
         assert!(said.within(HOUR).is_err());
         said.keep(Ok(21.5));
         assert_eq!(said.within(HOUR), Ok(21.5));

@@ -10,21 +10,21 @@ use super::Point;
 use estimation::coverage;
 use estimation::random::stream;
 
-/// Minimum number of values on each side of a step (`SIDE`) and of a line after its beginning (`LINE`): a
+/// Minimum number of values on each side of a step (`MIN_VALUES_PER_SIDE`) and of a line after its beginning (`MIN_DRIFT_VALUES`): a
 /// single value may be an outlier.
-const SIDE: usize = 2;
-const LINE: usize = 3;
+const MIN_VALUES_PER_SIDE: usize = 2;
+const MIN_DRIFT_VALUES: usize = 3;
 /// Minimum number of values for a change to be detected.
-pub(super) const SERIES: usize = 6;
+pub(super) const MIN_SERIES_LENGTH: usize = 6;
 /// Maximum number of newest values that are evaluated.
-const WINDOW: usize = 100;
+const MAX_SERIES_LENGTH: usize = 100;
 /// Probability threshold: a change is reported if random series explain as much in a smaller fraction of the
 /// draws. It is small, because a parameter that is checked daily for years must not give frequent false
 /// alarms.
-const CHANCE: f64 = 0.001;
+const SIGNIFICANCE_LEVEL: f64 = 0.001;
 const DRAWS: u32 = 4999;
 /// Probability of the interval in which a change happened.
-const WHEN: f64 = 0.95;
+const TIME_INTERVAL_PROBABILITY: f64 = 0.95;
 const DAY_S: f64 = 86_400.0;
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -57,7 +57,7 @@ pub struct Change {
 /// themselves.
 pub(super) fn changes(points: &[Point]) -> Vec<Change> {
     let mut changes: Vec<Change> = Vec::new();
-    let mut begin = points.len().saturating_sub(WINDOW);
+    let mut begin = points.len().saturating_sub(MAX_SERIES_LENGTH);
     while let Some(found) = points.get(begin..).and_then(largest) {
         let [before, after] = found.between;
         let change = Change {
@@ -119,13 +119,13 @@ fn possible(days: &[f64]) -> Vec<Possible> {
         let column = days.iter().map(|day| (day - days[first]).max(0.0)).collect();
         Possible::new(Kind::Drift, first, column)
     };
-    let steps = (SIDE..=count - SIDE).map(step);
-    let lines = (0..count - LINE).map(line);
+    let steps = (MIN_VALUES_PER_SIDE..=count - MIN_VALUES_PER_SIDE).map(step);
+    let lines = (0..count - MIN_DRIFT_VALUES).map(line);
     steps.chain(lines).filter(|possible| possible.norm > 0.0).collect()
 }
 
 fn largest(points: &[Point]) -> Option<Change> {
-    if points.len() < SERIES {
+    if points.len() < MIN_SERIES_LENGTH {
         return None;
     }
     let origin = points.first()?.t_s;
@@ -142,7 +142,7 @@ fn largest(points: &[Point]) -> Option<Change> {
         .iter()
         .max_by(|one, other| one.explains(&values).total_cmp(&other.explains(&values)))?;
     let chance = chance(&all, values.len(), best.explains(&values) / scatter)?;
-    (chance <= CHANCE).then(|| change(&all, best, &values, chance))
+    (chance <= SIGNIFICANCE_LEVEL).then(|| change(&all, best, &values, chance))
 }
 
 /// Sum of squares: Σ(value − mean)².
@@ -154,7 +154,7 @@ fn squares(values: &[f64]) -> f64 {
 /// Fraction of random normal series without a change in which the best of these changes explains `share` of
 /// the scatter. `None` as soon as the fraction is certainly too large.
 fn chance(all: &[Possible], count: usize, share: f64) -> Option<f64> {
-    let most = (CHANCE * f64::from(DRAWS + 1)) as u32;
+    let most = (SIGNIFICANCE_LEVEL * f64::from(DRAWS + 1)) as u32;
     let mut rng = stream(0, &[count as u64]);
     let (mut as_much, mut draw) = (0, vec![0.0; count]);
     for _ in 0..DRAWS {
@@ -174,7 +174,7 @@ fn change(all: &[Possible], best: &Possible, values: &[f64], chance: f64) -> Cha
     let left = |possible: &Possible| (squares(values) - possible.explains(values)).max(0.0);
     let least = left(best);
     let u = (least / dof).sqrt() / best.norm;
-    let bound = least * (1.0 + coverage::two_sided(WHEN, dof).powi(2) / dof);
+    let bound = least * (1.0 + coverage::two_sided(TIME_INTERVAL_PROBABILITY, dof).powi(2) / dof);
     let may = all.iter().filter(|other| other.kind == best.kind && left(other) <= bound);
     let [mut before, mut after] = best.between();
     for [earlier, later] in may.map(Possible::between) {

@@ -30,14 +30,14 @@ pub struct Trend {
     /// Changes, oldest first, with increasing times.
     pub changes: Vec<Change>,
     /// Control limits from the values since the last step. The newest value is excluded, because the limits
-    /// judge it. `None`: fewer than [`FEWEST`] such values.
+    /// judge it. `None`: fewer than [`MIN_CHART_VALUES`] such values.
     pub individuals: Option<Individuals>,
     /// EWMA of the same values and the newest one.
     pub ewma: Option<Ewma>,
 }
 
 /// Minimum number of values for control limits; with fewer the scatter is too uncertain.
-pub const FEWEST: usize = 8;
+pub const MIN_CHART_VALUES: usize = 8;
 
 impl Trend {
     /// The trend of `points` in the order in which they were measured, whatever the clock showed. A time that
@@ -49,7 +49,8 @@ impl Trend {
         let values: Vec<f64> = points.iter().map(|point| point.value).collect();
         let regime = values.get(begins.max().unwrap_or(0)..).unwrap_or_default();
         let before = regime.split_last().map_or(&[][..], |(_, before)| before);
-        let individuals = (before.len() >= FEWEST).then(|| Individuals::of(before)).flatten();
+        let individuals =
+            (before.len() >= MIN_CHART_VALUES).then(|| Individuals::of(before)).flatten();
         let ewma = individuals.map(|chart| Ewma::of(regime, chart.centre, chart.sigma));
         Self { points, changes, individuals, ewma }
     }

@@ -1,6 +1,6 @@
 //! Changes of the values, in one sentence.
 
-use super::change::SERIES;
+use super::change::MIN_SERIES_LENGTH;
 use super::{Change, Kind, Trend};
 
 /// Trend of a value with its symbol and unit.
@@ -16,7 +16,7 @@ pub struct Told<'a> {
 /// reported as not measured, not as unchanged.
 pub fn what_changed(all: &[Told<'_>], since_s: f64, day: impl Fn(f64) -> String) -> String {
     let (told, short): (Vec<&Told<'_>>, Vec<&Told<'_>>) =
-        all.iter().partition(|told| told.trend.points.len() >= SERIES);
+        all.iter().partition(|told| told.trend.points.len() >= MIN_SERIES_LENGTH);
     let mut parts: Vec<String> = not_measured(all, since_s, &day);
     let (mut same, mut changed) = (0, 0);
     for told in &told {
@@ -41,7 +41,9 @@ pub fn what_changed(all: &[Told<'_>], since_s: f64, day: impl Fn(f64) -> String)
     parts.extend(rest);
     if !short.is_empty() {
         let symbols = symbols(&short);
-        parts.push(format!("of {symbols} there are fewer than {SERIES} runs, too few to tell"));
+        parts.push(format!(
+            "of {symbols} there are fewer than {MIN_SERIES_LENGTH} runs, too few to tell"
+        ));
     }
     format!("Since {}: {}.", day(since_s), parts.join("; "))
 }

@@ -11,14 +11,14 @@ use cookie::{Cookie, SameSite, time};
 use minijinja::context;
 use serde::Deserialize;
 
-use super::session::LASTS;
+use super::session::SESSION_DURATION;
 use super::tokens::whose;
 use super::{Access, DOOR, Refused, SESSION, closed, session_numbers};
-use crate::service::http::Web;
+use crate::service::http::AppState;
 use crate::service::http::page::{for_people, whole};
 use crate::service::http::problem::Problem;
 
-pub fn routes() -> Router<Web> {
+pub fn routes() -> Router<AppState> {
     let routes = Router::new().route(DOOR, get(door).post(enter)).route("/logout", post(leave));
     // These routes are for browsers only.
     routes.layer(from_fn(for_people))
@@ -29,7 +29,7 @@ struct LoginForm {
     token: String,
 }
 
-async fn door(State(web): State<Web>, headers: HeaderMap) -> Result<Html<String>, Problem> {
+async fn door(State(web): State<AppState>, headers: HeaderMap) -> Result<Html<String>, Problem> {
     let access = &web.access;
     let numbers = session_numbers(&headers);
     let inside = numbers.iter().find_map(|number| access.sessions.find(number));
@@ -40,7 +40,7 @@ async fn door(State(web): State<Web>, headers: HeaderMap) -> Result<Html<String>
     whole("login.html", access.demanded, context! { name, role, wrong => false })
 }
 
-async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Problem> {
+async fn enter(State(web): State<AppState>, request: Request) -> Result<Response, Problem> {
     let (access, headers) = (&web.access, request.headers().clone());
     let address = access.address(&request);
     let form = Form::from_request(request, &web).await;
@@ -57,11 +57,11 @@ async fn enter(State(web): State<Web>, request: Request) -> Result<Response, Pro
     };
     access.log.say(&format!("{} comes in from {address}", token.name));
     let number = access.sessions.open(token).map_err(no_chance)?;
-    let lasts = time::Duration::seconds(LASTS.as_secs() as i64);
+    let lasts = time::Duration::seconds(SESSION_DURATION.as_secs() as i64);
     Ok(with_cookie(access, &headers, number, lasts, "/"))
 }
 
-async fn leave(State(web): State<Web>, headers: HeaderMap) -> Response {
+async fn leave(State(web): State<AppState>, headers: HeaderMap) -> Response {
     for number in session_numbers(&headers) {
         web.access.sessions.close(&number);
     }

@@ -10,9 +10,9 @@ use super::secret;
 use super::tokens::Token;
 
 /// Duration of a session; after that, the user must sign in again.
-pub const LASTS: Duration = Duration::from_secs(12 * 3600);
+pub const SESSION_DURATION: Duration = Duration::from_secs(12 * 3600);
 /// Maximum number of sessions; a new one then replaces the oldest.
-const MOST: usize = 64;
+const MAX_SESSIONS: usize = 64;
 
 struct Session {
     sha256: String,
@@ -26,7 +26,7 @@ pub struct Sessions(Mutex<Vec<Session>>);
 impl Sessions {
     fn all(&self) -> std::sync::MutexGuard<'_, Vec<Session>> {
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        all.retain(|session| session.begun.elapsed() < LASTS);
+        all.retain(|session| session.begun.elapsed() < SESSION_DURATION);
         all
     }
 
@@ -38,7 +38,7 @@ impl Sessions {
         let number = secret::new()?;
         let session = Session { sha256: secret::sha256(&number), token, begun: Instant::now() };
         let mut all = self.all();
-        if all.len() >= MOST {
+        if all.len() >= MAX_SESSIONS {
             all.remove(0);
         }
         all.push(session);
@@ -73,7 +73,7 @@ mod tests {
         let token = tokens.all().unwrap().remove(0);
         let sessions = Sessions::default();
         let numbers: Vec<String> =
-            (0..MOST).map(|_| sessions.open(token.clone()).unwrap()).collect();
+            (0..MAX_SESSIONS).map(|_| sessions.open(token.clone()).unwrap()).collect();
         assert_eq!(sessions.find(&numbers[0]), Some(token.clone()));
         sessions.open(token.clone()).unwrap();
         assert_eq!(sessions.find(&numbers[0]), None);

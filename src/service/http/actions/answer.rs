@@ -6,8 +6,8 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 
 use super::answer;
-use super::words::Words;
-use crate::service::http::Web;
+use super::words::JsonOrForm;
+use crate::service::http::AppState;
 use crate::service::http::access::Caller;
 use crate::service::http::problem::Problem;
 use crate::service::http::status::MachineStatus;
@@ -26,10 +26,10 @@ pub struct Done {
 /// An answer to any other prompt is refused.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/answer", params(("name" = String, Path)), request_body = Done, responses((status = ACCEPTED, body = MachineStatus)))]
 pub async fn done(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: Words<Done>,
+    words: JsonOrForm<Done>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (Done { step, repeat, who }, to_page) = words.split();

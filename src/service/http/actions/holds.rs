@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::service::http::Web;
+use crate::service::http::AppState;
 use crate::service::http::access::Caller;
 use crate::service::worker_command::Stopped;
 use crate::store::Audit;
@@ -63,7 +63,7 @@ impl Holds {
 }
 
 /// Whether the hold `of` gets its own line; otherwise it is counted.
-pub fn has_a_line(web: &Web, caller: &Caller, of: &Audit, stopped: Stopped) -> bool {
+pub fn has_a_line(web: &AppState, caller: &Caller, of: &Audit, stopped: Stopped) -> bool {
     let run = (stopped == Stopped::Run).then_some(of.run);
     if web.holds.is_first(&of.machine, run, Instant::now()) || !caller.holds_often() {
         return true;

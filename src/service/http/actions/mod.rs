@@ -22,12 +22,12 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 pub(super) use self::holds::Holds;
-pub(super) use self::words::{Words, kept};
+pub(super) use self::words::{JsonOrForm, truncate_reason};
 use super::access::Caller;
 use super::page::for_people;
 use super::problem::Problem;
 use super::status::MachineStatus;
-use super::{ServedMachine, Web};
+use super::{AppState, ServedMachine};
 use crate::service::config::Demand;
 use crate::service::machine_state::{Interlocks, Refusal};
 use crate::service::worker_command::{Answer, Inspection, Stopped};
@@ -38,7 +38,7 @@ const PATIENCE: Duration = Duration::from_secs(2);
 /// Maximum time to wait until an acknowledgement is in the journal or refused.
 const SETTLES: Duration = Duration::from_secs(5);
 
-pub fn routes() -> OpenApiRouter<Web> {
+pub fn routes() -> OpenApiRouter<AppState> {
     OpenApiRouter::new()
         .routes(routes!(start))
         .routes(routes!(hold))
@@ -89,10 +89,10 @@ struct Seen {
 /// Start a cycle. The caller confirms the conditions that `[serve]` demands.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/start", params(("name" = String, Path)), request_body = Start, responses((status = ACCEPTED, body = MachineStatus)))]
 async fn start(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: Words<Start>,
+    words: JsonOrForm<Start>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;
     let (asked, to_page) = words.split();
@@ -133,7 +133,7 @@ fn not_vouched(what: &str) -> Problem {
 /// Hold the machine at once. A known caller is never refused; the body may be missing.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/hold", params(("name" = String, Path)), request_body = Asked, responses((status = ACCEPTED, body = MachineStatus)))]
 async fn hold(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
     request: Request,
@@ -145,14 +145,14 @@ async fn hold(
 }
 
 async fn held(
-    web: Web,
+    web: AppState,
     machine: ServedMachine,
     caller: Caller,
     stopped: Stopped,
     request: Request,
 ) -> Result<Response, Problem> {
-    let words = tokio::time::timeout(PATIENCE, Words::<Asked>::from_request(request, &()));
-    let words = words.await.ok().and_then(Result::ok).unwrap_or(Words::Json(Asked::default()));
+    let words = tokio::time::timeout(PATIENCE, JsonOrForm::<Asked>::from_request(request, &()));
+    let words = words.await.ok().and_then(Result::ok).unwrap_or(JsonOrForm::Json(Asked::default()));
     let (Asked { who, why }, to_page) = words.split();
     let held = match stopped {
         // This service cannot hold motion of another process.
@@ -177,14 +177,14 @@ pub(super) async fn to_the_end<T: Send + 'static>(
 /// Acknowledge that a person has inspected the machine: new cycles may start.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/acknowledge", params(("name" = String, Path)), request_body = Seen, responses((status = ACCEPTED, body = MachineStatus)))]
 async fn acknowledge(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: Words<Seen>,
+    words: JsonOrForm<Seen>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
     let (Seen { who, why, homed }, to_page) = words.split();
-    let (who, why) = (caller.signs(&who)?, kept(&why));
+    let (who, why) = (caller.signs(&who)?, truncate_reason(&why));
     let accepted = machine.gate.acknowledge(Inspection { who: &who, why: &why, homed });
     let said = (who, "acknowledgement".to_owned(), why);
     settled(web, machine, said, accepted, to_page).await
@@ -192,7 +192,7 @@ async fn acknowledge(
 
 /// Waits for the result and writes it to the audit log, even if the client has disconnected.
 async fn settled(
-    web: Web,
+    web: AppState,
     machine: ServedMachine,
     said: (String, String, String),
     accepted: Result<Answer, Refusal>,
@@ -214,7 +214,7 @@ async fn settled(
 
 /// Responds after the action is in the audit log.
 async fn answer(
-    web: &Web,
+    web: &AppState,
     machine: &ServedMachine,
     (who, what, why): (String, String, String),
     accepted: Result<(), Refusal>,
@@ -235,7 +235,7 @@ fn audit(
         Err(refusal) => format!("refused: {refusal}"),
     };
     let (name, run) = (machine.name.clone(), machine.gate.machine_state().run);
-    Audit { who, what, why: kept(&why), machine: name, run: run.into(), outcome }
+    Audit { who, what, why: truncate_reason(&why), machine: name, run: run.into(), outcome }
 }
 
 fn answered(machine: &ServedMachine, to_page: bool) -> Response {

@@ -6,11 +6,11 @@ use axum::response::Response;
 use serde::Deserialize;
 use utoipa::ToSchema;
 
-use super::words::{Words, kept};
+use super::words::{JsonOrForm, truncate_reason};
 use super::{not_vouched, said, settled};
-use crate::archive::story::goes_on;
+use crate::archive::story::resume_hint;
 use crate::run::{AgainError, Question, ResumableRun, can_resume};
-use crate::service::http::Web;
+use crate::service::http::AppState;
 use crate::service::http::access::Caller;
 use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
@@ -38,14 +38,14 @@ pub struct GoOn {
 /// Resume a held run. The caller confirms the state of the machine.
 #[utoipa::path(post, path = "/api/v1/machines/{name}/resume", params(("name" = String, Path)), request_body = GoOn, responses((status = ACCEPTED, body = MachineStatus)))]
 pub async fn resume(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
     Extension(caller): Extension<Caller>,
-    words: Words<GoOn>,
+    words: JsonOrForm<GoOn>,
 ) -> Result<Response, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
     let (GoOn { run, who, why, free, whole, homed }, to_page) = words.split();
-    let (who, why) = (caller.signs(&who)?, kept(&why));
+    let (who, why) = (caller.signs(&who)?, truncate_reason(&why));
     let run = RunId(run);
     let stored = read_journal(&web, move |journal| journal.load(run)).await??;
     if stored.summary.machine != name {
@@ -61,7 +61,7 @@ pub async fn resume(
         return Err(Problem::new(
             StatusCode::CONFLICT,
             "no-references",
-            goes_on(run, can_resume, false),
+            resume_hint(run, can_resume, false),
             "acknowledge it, then start a new run",
         ));
     }

@@ -8,9 +8,9 @@ use serde::Deserialize;
 use utoipa::ToSchema;
 
 use super::to_the_end;
-use super::words::{Words, kept};
+use super::words::{JsonOrForm, truncate_reason};
 use crate::archive::report::ReportError;
-use crate::service::http::Web;
+use crate::service::http::AppState;
 use crate::service::http::access::Caller;
 use crate::service::http::journal::read_journal;
 use crate::service::http::openapi::views::SignatureView;
@@ -31,10 +31,10 @@ pub struct Sign {
 /// Sign a result.
 #[utoipa::path(post, path = "/api/v1/runs/{run}/sign", params(("run" = i64, Path)), request_body = Sign, responses((status = CREATED, body = SignatureView)))]
 pub async fn sign(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(run): Path<i64>,
     Extension(caller): Extension<Caller>,
-    words: Words<Sign>,
+    words: JsonOrForm<Sign>,
 ) -> Result<Response, Problem> {
     let (Sign { who, why, estimate }, to_page) = words.split();
     let (run, who) = (RunId(run), caller.signs(&who)?);
@@ -48,7 +48,7 @@ pub async fn sign(
             "read it, then sign that one",
         ));
     }
-    let remark = kept(&why);
+    let remark = truncate_reason(&why);
     let signature = Signature { who, remark, estimate_sha256: estimate };
     let signature = to_the_end(signed(web, run, stored.summary.machine, signature)).await?;
     Ok(match to_page {
@@ -58,7 +58,7 @@ pub async fn sign(
 }
 
 async fn signed(
-    web: Web,
+    web: AppState,
     run: RunId,
     machine: String,
     signature: Signature,

@@ -9,20 +9,20 @@ use serde::de::DeserializeOwned;
 use crate::service::http::problem::Problem;
 
 /// Maximum length of a reason, in characters.
-const MOST: usize = 500;
+const MAX_REASON_CHARS: usize = 500;
 
 /// Reason as it is stored: trimmed and shortened, because the audit log is permanent.
-pub fn kept(why: &str) -> String {
-    why.trim().chars().take(MOST).collect()
+pub fn truncate_reason(why: &str) -> String {
+    why.trim().chars().take(MAX_REASON_CHARS).collect()
 }
 
 /// Body of a request: JSON or a form, according to its content type.
-pub enum Words<T> {
+pub enum JsonOrForm<T> {
     Json(T),
     Form(T),
 }
 
-impl<T> Words<T> {
+impl<T> JsonOrForm<T> {
     /// The body, and whether it came from the page's form, so that the response is a page.
     pub fn split(self) -> (T, bool) {
         match self {
@@ -32,7 +32,7 @@ impl<T> Words<T> {
     }
 }
 
-impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for Words<T> {
+impl<T: DeserializeOwned + 'static, S: Send + Sync> FromRequest<S> for JsonOrForm<T> {
     type Rejection = Problem;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, Problem> {

@@ -15,18 +15,18 @@ use utoipa::{PartialSchema, ToSchema};
 use utoipa_axum::router::OpenApiRouter;
 
 use super::problem::Problem;
-use super::{Web, actions, api, events, schedule};
+use super::{AppState, actions, api, events, schedule};
 
 /// Name of the security scheme.
 const TOKEN: &str = "token";
 
 /// Routes of the API, with that of its description.
-pub fn routes() -> Router<Web> {
+pub fn routes() -> Router<AppState> {
     let (router, described) = described();
     router.route("/api/v1/openapi.json", get(move || async move { Json(described) }))
 }
 
-fn described() -> (Router<Web>, OpenApi) {
+fn described() -> (Router<AppState>, OpenApi) {
     let mut components = Components::new();
     components.schemas.insert(Problem::name().into_owned(), Problem::schema());
     let bearer = HttpBuilder::new().scheme(HttpAuthScheme::Bearer);

@@ -7,14 +7,14 @@ use minijinja::{Value, context};
 
 use super::{row, whole};
 use crate::archive::compare::{CompareError, Comparison};
-use crate::service::http::Web;
+use crate::service::http::AppState;
 use crate::service::http::api::{Pair, of_two};
 use crate::service::http::problem::Problem;
 use methods::decision::difference::Difference;
 use methods::decision::function_difference::FunctionDifference;
 
 pub async fn page(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Query(pair): Query<Pair>,
 ) -> Result<Html<String>, Problem> {
     let Comparison { runs, differences, functions, common_sources, besides } =

@@ -14,7 +14,7 @@ use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 use crate::service::http::results::NewestResult;
 use crate::service::http::status::MachineStatus;
-use crate::service::http::{ServedMachine, Web};
+use crate::service::http::{AppState, ServedMachine};
 use crate::service::machine_state::Failure;
 use crate::service::schedule_state::agenda;
 use crate::store::{Journal, RunId, StoredRun, Wanted};
@@ -24,7 +24,7 @@ use machine::record::estimate::Verdict;
 const NEWEST: usize = 10;
 
 pub async fn page(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<Html<String>, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?.clone();
@@ -55,7 +55,7 @@ fn values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> 
 
 /// Live part of the page, for the script.
 pub async fn live(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<Html<Bytes>, Problem> {
     let (machine, shared) =

@@ -28,7 +28,7 @@ use minijinja::{AutoEscape, Environment, UndefinedBehavior, Value, context};
 pub use self::middleware::for_people;
 pub use self::refused::{as_page, is_json};
 pub use self::shared::Shared;
-use super::Web;
+use super::AppState;
 use super::problem::Problem;
 use crate::store::RunSummary;
 
@@ -52,7 +52,7 @@ const TEMPLATES: [(&str, &str); 15] = [
     ("login.html", include_str!("../templates/login.html")),
 ];
 
-pub fn routes() -> Router<Web> {
+pub fn routes() -> Router<AppState> {
     let pages = Router::new()
         .route("/", get(machines))
         .route("/machines", get(overview))
@@ -111,7 +111,7 @@ async fn icon() -> impl IntoResponse {
 }
 
 /// Overview of the machines; redirects to the machine's page if there is only one.
-async fn machines(State(web): State<Web>) -> Result<Response, Problem> {
+async fn machines(State(web): State<AppState>) -> Result<Response, Problem> {
     if let [only] = &*web.machines {
         return Ok(Redirect::to(&address(&only.name)).into_response());
     }
@@ -120,11 +120,11 @@ async fn machines(State(web): State<Web>) -> Result<Response, Problem> {
 }
 
 /// Live part of the overview, for the script.
-async fn overview(State(web): State<Web>) -> Result<Html<String>, Problem> {
+async fn overview(State(web): State<AppState>) -> Result<Html<String>, Problem> {
     render("overview.html", standings(&web))
 }
 
-fn standings(web: &Web) -> Value {
+fn standings(web: &AppState) -> Value {
     let machines: Vec<Value> = web.machines.iter().map(machine::standing).collect();
     context! { machines, now => moment(Timestamp::now()) }
 }

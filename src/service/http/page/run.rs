@@ -8,13 +8,16 @@ use super::{address, machine, moment};
 use crate::archive::report::report;
 use crate::archive::story::{how_it_ended, signed, story};
 use crate::report::temperature;
-use crate::service::http::Web;
+use crate::service::http::AppState;
 use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 use crate::store::{Journal, RunId, RunState, RunSummary, StoredRun, Wanted};
 use ::machine::record::estimate::Estimate;
 
-pub async fn page(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
+pub async fn page(
+    State(web): State<AppState>,
+    Path(run): Path<i64>,
+) -> Result<Html<String>, Problem> {
     let tokens = web.access.demanded();
     read_journal(&web, move |journal| {
         let stored = journal.load(RunId(run))?;
@@ -25,7 +28,10 @@ pub async fn page(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<S
 }
 
 /// The report is a separate page.
-pub async fn whole(State(web): State<Web>, Path(run): Path<i64>) -> Result<Html<String>, Problem> {
+pub async fn whole(
+    State(web): State<AppState>,
+    Path(run): Path<i64>,
+) -> Result<Html<String>, Problem> {
     Ok(Html(read_journal(&web, move |journal| report(journal, RunId(run))).await??))
 }
 

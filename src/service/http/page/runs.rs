@@ -5,13 +5,13 @@ use axum::response::Html;
 use minijinja::context;
 
 use super::{row, whole};
-use crate::service::http::Web;
+use crate::service::http::AppState;
 use crate::service::http::api::RunsAsked;
 use crate::service::http::journal::read_journal;
 use crate::service::http::problem::Problem;
 
 pub async fn page(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Query(asked): Query<RunsAsked>,
 ) -> Result<Html<String>, Problem> {
     let tokens = web.access.demanded();

@@ -5,14 +5,14 @@ use axum::response::Html;
 use minijinja::{Value, context};
 
 use super::render;
-use crate::service::http::Web;
+use crate::service::http::AppState;
 use crate::service::http::problem::Problem;
 use crate::service::http::status::MachineStatus;
 use machine::record::watch::{LiveSection, LiveSensor, LiveValues};
 
 /// The part that the script reloads with each new value.
 pub async fn page(
-    State(web): State<Web>,
+    State(web): State<AppState>,
     Path(name): Path<String>,
 ) -> Result<Html<String>, Problem> {
     let machine = web.machine(&name).ok_or_else(|| Problem::not_found(&name))?;

@@ -34,7 +34,7 @@ const RUN: usize = 5;
 const ACCEPTED: usize = 7;
 const REFUSED: usize = 8;
 const REFUSAL: usize = 9;
-const SAID: usize = 10;
+const INTERLOCKS: usize = 10;
 const VERSION: usize = 11;
 const MAP: usize = 14;
 const COUNT: usize = 15;
@@ -42,8 +42,8 @@ const DEVIATIONS: usize = 100;
 /// Number of registers of a deviation.
 const RECORD: usize = 10;
 /// Maximum number of deviations, so that all fit into one request.
-const MOST: usize = 12;
-pub const INPUTS: usize = DEVIATIONS + MOST * RECORD;
+const MAX_DEVIATIONS: usize = 12;
+pub const INPUTS: usize = DEVIATIONS + MAX_DEVIATIONS * RECORD;
 /// Version of this register map.
 const MAP_VERSION: u16 = 1;
 
@@ -71,7 +71,7 @@ pub const ROWS: [(&str, usize, &str); 25] = [
     ("input", ACCEPTED, "accepted"),
     ("input", REFUSED, "refused"),
     ("input", REFUSAL, "refusal"),
-    ("input", SAID, "said"),
+    ("input", INTERLOCKS, "said"),
     ("input", VERSION, "version"),
     ("input", MAP, "map"),
     ("input", COUNT, "count"),
@@ -95,7 +95,7 @@ pub fn image(
     let flags =
         [interlocks.fresh, interlocks.enable, interlocks.auto, interlocks.door, interlocks.stop];
     let mask = flags.iter().rev().fold(0, |mask, flag| mask << 1 | u16::from(*flag));
-    let shown = machine_state.deviations.len().min(MOST);
+    let shown = machine_state.deviations.len().min(MAX_DEVIATIONS);
     image[HEARTBEAT] = heartbeat;
     image[STATE] = machine_state.state as u16;
     image[PROGRESS] = machine_state.progress_percent;
@@ -105,7 +105,7 @@ pub fn image(
     image[ACCEPTED] = machine_state.accepted;
     image[REFUSED] = machine_state.refused;
     image[REFUSAL] = machine_state.refusal.map_or(0, |why| why as u16);
-    image[SAID] = mask;
+    image[INTERLOCKS] = mask;
     put(&mut image, VERSION, &version());
     image[MAP] = MAP_VERSION;
     image[COUNT] = shown as u16;

@@ -88,7 +88,7 @@ impl Firmware {
         if self.tripped() && shows_pins {
             report += "|Pn:P";
         }
-        self.probe_was_told();
+        self.on_probe_state_reported();
         let [feed, rapid] = self.options.overrides;
         let shows_overrides =
             self.setting(settings::REPORTS) as u32 & settings::SHOWS_OVERRIDES != 0;

@@ -19,7 +19,7 @@ const USUAL_SCAN_S: f64 = 0.010;
 /// Time stamp of [`FaultKind::WrongStamp`], s: far beyond the clock of any control.
 pub(super) const WRONG_STAMP_S: f64 = 1e300;
 
-const MANY: usize = 8;
+const MIN_HALF_WRITE_REGISTERS: usize = 8;
 /// First register of the latched position.
 const LATCH: usize = 20;
 
@@ -150,7 +150,7 @@ impl FaultKind {
     fn strikes(self, request: &Request<'_>) -> bool {
         match self {
             Self::HalfWritten => {
-                matches!(request, Request::WriteMultipleRegisters(_, words) if words.len() > MANY)
+                matches!(request, Request::WriteMultipleRegisters(_, words) if words.len() > MIN_HALF_WRITE_REGISTERS)
             }
             Self::LostStart => matches!(request, Request::WriteMultipleRegisters(at, words)
                 if usize::from(*at) == SEQUENCE && words.len() == 1),

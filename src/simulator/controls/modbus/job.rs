@@ -111,7 +111,7 @@ impl Firmware {
     }
 
     /// Registers that a status has shown the probe state.
-    pub(super) fn probe_was_told(&mut self) {
+    pub(super) fn on_probe_state_reported(&mut self) {
         self.sham = self.sham.told();
     }
 

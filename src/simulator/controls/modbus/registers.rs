@@ -43,7 +43,7 @@ impl Firmware {
         };
         self.blocks = self.blocks.wrapping_add(1);
         let probe = u16::from(self.tripped());
-        self.probe_was_told();
+        self.on_probe_state_reported();
         let beat = self.heartbeat();
         let slot = self.slot();
         let version = if slot.is_some() { PROGRAM_VERSION } else { VERSION };

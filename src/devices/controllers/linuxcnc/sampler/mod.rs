@@ -14,7 +14,7 @@ use std::time::Duration;
 use serde::Deserialize;
 use tokio::time::{Instant, sleep};
 
-use self::record::{Record, Stands};
+use self::record::{Record, TickPositions};
 use super::not_ready::not_ready;
 use crate::controllers::ControllerError;
 use link::Clock;
@@ -200,7 +200,7 @@ impl Sampler {
     }
 
     /// Waits for a tick later than `t_s`; the error is the reason why none comes.
-    async fn until(&self, t_s: f64) -> Result<Stands, String> {
+    async fn until(&self, t_s: f64) -> Result<TickPositions, String> {
         let end = Instant::now() + ON_THE_WAY;
         loop {
             {
@@ -228,7 +228,7 @@ impl Sampler {
     }
 
     /// Describes a difference between the positions of the sampler and of the control.
-    fn other(&self, newest: &Stands, stands: &Position) -> Option<String> {
+    fn other(&self, newest: &TickPositions, stands: &Position) -> Option<String> {
         let heard = self.heard();
         let said: Vec<f64> = heard.record.inside(&newest.at, self.mm).collect();
         let mut axes = heard.record.axes().iter().zip(said);

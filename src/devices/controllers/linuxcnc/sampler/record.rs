@@ -9,11 +9,11 @@ use machine::record::track::Track;
 /// Maximum length of a line, bytes; longer input is not a line.
 const LONGEST: usize = 1024;
 /// Maximum number of ticks of one block that are kept: a quarter of an hour at 1 kHz.
-const MOST: usize = 1_000_000;
+const MAX_TICKS: usize = 1_000_000;
 
 /// Positions of the axes at a tick, in the control's own units and degrees.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Stands {
+pub(super) struct TickPositions {
     pub tick: Tick,
     pub at: Vec<f64>,
 }
@@ -23,15 +23,15 @@ pub(super) struct Record {
     axes: Vec<Axis>,
     pub ticks: Ticks,
     partial: Vec<u8>,
-    pub newest: Option<Stands>,
+    pub newest: Option<TickPositions>,
     /// The last line that is not in the sampler's format.
     pub strange: Option<String>,
     /// Ticks of the running block.
-    kept: Option<Kept>,
+    kept: Option<BlockTicks>,
 }
 
 #[derive(Debug, Default)]
-struct Kept {
+struct BlockTicks {
     ticks: Vec<Tick>,
     values: Vec<f64>,
     full: bool,
@@ -80,18 +80,18 @@ impl Record {
         }
         let tick = self.ticks.came(number, at_s);
         if let Some(kept) = &mut self.kept {
-            kept.full |= kept.ticks.len() >= MOST;
+            kept.full |= kept.ticks.len() >= MAX_TICKS;
             if !kept.full {
                 kept.ticks.push(tick);
                 kept.values.extend(&at);
             }
         }
-        self.newest = Some(Stands { tick, at });
+        self.newest = Some(TickPositions { tick, at });
     }
 
     /// Starts to keep all ticks.
     pub fn begin(&mut self) {
-        self.kept = Some(Kept::default());
+        self.kept = Some(BlockTicks::default());
     }
 
     /// Returns the ticks kept since [`Self::begin`], with the times as they are known now; `None` if there
@@ -227,7 +227,7 @@ mod tests {
     fn more_than_is_kept_is_no_track() {
         let mut record = record();
         record.begin();
-        lines(&mut record, 0..MOST as i64 + 1);
+        lines(&mut record, 0..MAX_TICKS as i64 + 1);
         assert_eq!(record.end(1.0), None);
     }
 }

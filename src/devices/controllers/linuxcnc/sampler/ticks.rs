@@ -9,14 +9,14 @@ use std::collections::VecDeque;
 const BIN_S: f64 = 0.25;
 /// Number of bins before and after a tick's own that determine its time: meanwhile the clocks of two
 /// computers that differ by 20 in a million diverge by less than 0.1 ms.
-const NEAR: i64 = 20;
+const NEIGHBOUR_BINS: i64 = 20;
 /// Largest excess of a bin's least delay over that of its neighbours, s. A later bin is not trusted: either
 /// the count or only the transmission was interrupted.
-const LATE_S: f64 = 0.02;
+const MAX_BIN_DELAY_S: f64 = 0.02;
 /// Maximum number of bins that are kept: half an hour.
-const MOST: usize = 8192;
+const MAX_BINS: usize = 8192;
 /// Largest relative deviation of the count from its period; beyond it the configured period is wrong.
-const WRONG: f64 = 0.02;
+const MAX_PERIOD_ERROR: f64 = 0.02;
 
 /// A tick. Within one count a tick is identified by its number; a restart of the numbers begins another
 /// count.
@@ -71,7 +71,7 @@ impl Ticks {
             Some(bin) => bin.least_s = bin.least_s.min(least_s),
             None => self.bins.push_back(Bin { at, least_s }),
         }
-        if self.bins.len() > MOST {
+        if self.bins.len() > MAX_BINS {
             self.bins.pop_front();
         }
         tick
@@ -80,11 +80,12 @@ impl Ticks {
     /// Time of the tick, s; `None` if it cannot be trusted.
     pub fn time_s(&self, tick: Tick) -> Option<f64> {
         let (count, number) = self.bin(tick);
-        let from = self.bins.partition_point(|bin| bin.at < (count, number - NEAR));
-        let near = || self.bins.range(from..).take_while(|bin| bin.at <= (count, number + NEAR));
+        let from = self.bins.partition_point(|bin| bin.at < (count, number - NEIGHBOUR_BINS));
+        let near =
+            || self.bins.range(from..).take_while(|bin| bin.at <= (count, number + NEIGHBOUR_BINS));
         let least_s = near().map(|bin| bin.least_s).fold(f64::INFINITY, f64::min);
         let own = near().find(|bin| bin.at == (count, number))?;
-        (own.least_s <= least_s + LATE_S).then(|| least_s + self.since_zero(tick))
+        (own.least_s <= least_s + MAX_BIN_DELAY_S).then(|| least_s + self.since_zero(tick))
     }
 
     /// True period, s, if it differs from the configured one, as the bins after `since` show.
@@ -94,7 +95,8 @@ impl Ticks {
         let (first, last) = (bins.next()?, bins.rev().nth(1)?);
         let ran = (last.at.1 - first.at.1) as f64 * BIN_S;
         let strays = (last.least_s - first.least_s) / ran;
-        (first.at.0 == last.at.0 && strays.abs() > WRONG).then_some(self.period_s * (1.0 + strays))
+        (first.at.0 == last.at.0 && strays.abs() > MAX_PERIOD_ERROR)
+            .then_some(self.period_s * (1.0 + strays))
     }
 
     fn since_zero(&self, tick: Tick) -> f64 {
@@ -198,7 +200,7 @@ mod tests {
     #[test]
     fn memory_is_bounded() {
         let mut ticks = Ticks::every(BIN_S);
-        tell(&mut ticks, (0, 3 * MOST as i64), 1, |_| 0.0);
-        assert_eq!(ticks.bins.len(), MOST);
+        tell(&mut ticks, (0, 3 * MAX_BINS as i64), 1, |_| 0.0);
+        assert_eq!(ticks.bins.len(), MAX_BINS);
     }
 }

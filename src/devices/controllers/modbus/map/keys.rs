@@ -87,8 +87,8 @@ struct DefaultAddresses {
     tail: u16,
 }
 
-const OF_LINES: DefaultAddresses = DefaultAddresses { chunk: 100, tail: 44 };
-const OF_PROGRAM: DefaultAddresses = DefaultAddresses { chunk: 328, tail: 49 };
+const LINE_WINDOW_DEFAULTS: DefaultAddresses = DefaultAddresses { chunk: 100, tail: 44 };
+const PROGRAM_WINDOW_DEFAULTS: DefaultAddresses = DefaultAddresses { chunk: 328, tail: 49 };
 
 const AXES: [Axis; 6] = [Axis::X, Axis::Y, Axis::Z, Axis::A, Axis::B, Axis::C];
 const LATCH: u16 = 20;
@@ -143,7 +143,10 @@ impl TryFrom<Keys> for Map {
                     .to_owned(),
             );
         }
-        let map = Self { command: command.at(&OF_LINES), status: status.at(&OF_LINES)? };
+        let map = Self {
+            command: command.at(&LINE_WINDOW_DEFAULTS),
+            status: status.at(&LINE_WINDOW_DEFAULTS)?,
+        };
         check::map(&map)?;
         Ok(map)
     }
@@ -157,7 +160,10 @@ impl Keys {
     pub(in super::super) fn of_program(self) -> Result<Map, String> {
         let Self { command, mut status } = self;
         let result = status.result.take().unwrap_or_default();
-        let mut map = Map { command: command.at(&OF_PROGRAM), status: status.at(&OF_PROGRAM)? };
+        let mut map = Map {
+            command: command.at(&PROGRAM_WINDOW_DEFAULTS),
+            status: status.at(&PROGRAM_WINDOW_DEFAULTS)?,
+        };
         map.status.result = Some(result.registers());
         check::map(&map)?;
         Ok(map)

@@ -178,7 +178,7 @@ impl ModbusControl {
         let from = rows::end(before, &self.stood);
         let to = from.updated_by(&row.target);
         let contact = self.of_machine(&found.latch).only(|axis| from.get(axis).is_some());
-        let astray = arrival::off_the_way(&from, &to, &contact, |axis| self.tolerance(axis));
+        let astray = arrival::contact_off_path(&from, &to, &contact, |axis| self.tolerance(axis));
         astray.map_or(Ok(()), Err)
     }
 }
