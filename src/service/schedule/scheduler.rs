@@ -188,7 +188,7 @@ impl Scheduler {
         if waiting_slot != last {
             self.records
                 .log
-                .say(&format!("schedule {} of {at} waiting_slot: {waiting_slot}", entry.name));
+                .say(&format!("schedule {} of {at} waits: {waiting_slot}", entry.name));
         }
         track.waiting_slot = Some((at, waiting_slot));
     }
@@ -304,7 +304,7 @@ impl Scheduler {
 
     fn publish(&self, now: Timestamp) {
         let waiting_slot = self.tracks.iter().map(|Track { waiting_slot, .. }| {
-            waiting_slot.as_ref().map(|(at, why)| format!("that of {at} waiting_slot: {why}"))
+            waiting_slot.as_ref().map(|(at, why)| format!("that of {at} waits: {why}"))
         });
         let all = self.tracks.iter().map(|track| of_entry(&track.entry, now)).zip(waiting_slot);
         let all = all.map(|(planned, waiting)| Planned { waiting, ..planned });
