@@ -186,9 +186,7 @@ impl Scheduler {
             Err(error) => return self.skips(track, at, error.to_string()),
         };
         if waiting_slot != last {
-            self.records
-                .log
-                .say(&format!("schedule {} of {at} waits: {waiting_slot}", entry.name));
+            self.records.log.say(&format!("schedule {} of {at} waits: {waiting_slot}", entry.name));
         }
         track.waiting_slot = Some((at, waiting_slot));
     }
