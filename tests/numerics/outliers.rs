@@ -10,7 +10,7 @@ use machine::Axis;
 use machine::record::estimate::{Estimate, Outlier, Verdict};
 use machine::record::plan::{Plan, Step};
 use machine::record::reading::Reading;
-use methods::Method;
+use methods::{Method, Next, Source};
 use rand::RngExt;
 use simulator::World;
 use testing::population::{count_bound, is_full, population};
@@ -102,6 +102,22 @@ impl Measured {
                 reading.value_mm = reading.value_mm.map(|mm| mm + by.norm());
             }
         }
+    }
+}
+
+/// Which touches are repeated does not depend on when a run was interrupted.
+#[test]
+fn regress_an_early_interruption_does_not_refuse_the_repeated_touches() {
+    let text = include_str!("../../config/simulated.toml");
+    let settings = "\n[method.self-calibration]\npositions = 6\nreferences = false\n";
+    let file = built_in("self-calibration", &format!("{text}{settings}"), 1);
+    let (method, header) = setup::header(&file, "self-calibration", None).unwrap();
+    let (mut plan, stages) = methods::nominal(method.as_ref(), header).unwrap();
+    for gap_s in [5.0, 20.0, 25.0] {
+        plan.gaps_s = vec![gap_s];
+        let next = method.next(&plan, &stages[..2], Source::Nominal);
+        let Ok(Next::Stage { stage, .. }) = next else { panic!("{gap_s} s: {next:?}") };
+        assert_eq!(stage.steps, stages[2].steps, "{gap_s} s");
     }
 }
 

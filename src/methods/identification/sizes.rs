@@ -23,7 +23,7 @@ const fn sized(line: &'static str, key: &'static str, size: fn(&Plan) -> f64) ->
     BudgetLineKey { line, key, size }
 }
 
-const SIZES: [BudgetLineKey; 17] = [
+const SIZES: [BudgetLineKey; 18] = [
     sized("repeatability of a touch", "probe.repeatability_um", |plan| {
         plan.probe.repeatability_um.unwrap_or_default()
     }),
@@ -54,6 +54,7 @@ const SIZES: [BudgetLineKey; 17] = [
     sized("temperature of the artefact", "artefact.u_temperature_k", |plan| {
         balls(plan).and_then(|balls| balls.u_temperature_k).unwrap_or_default()
     }),
+    sized("temperature of the artefact", "artefact.expansion_um_per_m_k", |_| 0.0),
     sized("certificate of the balls", "artefact.certificate_u_mm", |plan| {
         balls(plan).and_then(|balls| balls.certificate_u_mm).unwrap_or_default()
     }),
@@ -143,6 +144,7 @@ mod tests {
         ] {
             assert!(is_assumed(source, own) && !is_assumed(source, other), "{source}");
         }
+        assert!(is_assumed("temperature of the artefact", "artefact.expansion_um_per_m_k"));
         let length = "temperature of the certified length";
         assert!(is_assumed(length, "artefact.lengths.0.u_temperature_k"));
         assert!(!is_assumed("repeatability of a touch", "probe.lobing_um"));
