@@ -38,6 +38,8 @@ pub struct Observed {
     pub stops: Vec<(f64, f64)>,
     /// Descriptions of motions of continuous scans with too few samples.
     pub thin: Vec<String>,
+    /// Times in s and axis positions X, Y, Z in mm of all readings, in the order of time.
+    pub path: Vec<(f64, Vector3<f64>)>,
 }
 
 /// One measurement of the plan with its usable data.
@@ -75,7 +77,7 @@ pub fn observe(bench: &LaserSetup<'_>, readings: &[Reading]) -> Result<Observed,
     for reading in readings.iter().filter(|reading| reading.repeat < REPEAT_AFTER_STOP) {
         of_step.entry(reading.step).or_default().push(reading);
     }
-    let mut observed = Observed::default();
+    let mut observed = Observed { path: path(readings), ..Observed::default() };
     let mut raws: Vec<UncorrectedScan> = Vec::new();
     for steps in bench.plan.steps.chunk_by(|one, other| measurement(one) == measurement(other)) {
         let Some((first, pass)) = steps.first().and_then(|s| Some((s, Pass::of(&s.label)?))) else {
@@ -94,6 +96,12 @@ pub fn observe(bench: &LaserSetup<'_>, readings: &[Reading]) -> Result<Observed,
         placed(bench, raw, &mut observed);
     }
     Ok(observed)
+}
+
+fn path(readings: &[Reading]) -> Vec<(f64, Vector3<f64>)> {
+    let mut path: Vec<_> = readings.iter().map(|r| (r.t_s, r.position.xyz())).collect();
+    path.sort_by(|one, other| one.0.total_cmp(&other.0));
+    path
 }
 
 /// Times and limits of the interruptions. The limit is that of the reference measurements after the interruption.

@@ -10,6 +10,7 @@ use super::group::{Group, Grouped, noise_mm};
 use super::latency::Latency;
 use super::model::placed;
 use super::observe::Observed;
+use super::spots::Spot;
 use crate::identification::declared::{self, RotaryMotion};
 use crate::identification::{Effect, EvaluationType, InResiduals, Shape, UncertaintySource};
 use machine::Position;
@@ -51,7 +52,7 @@ pub fn sources(
         points.resolution(),
         points.linearity(),
         points.lobing(),
-        points.backlash(observed.latency.is_some()),
+        points.backlash(observed),
         points.linear_axes(),
         points.angular_motions(x),
         points.rotary_axes(x),
@@ -113,21 +114,24 @@ impl DwellPoints<'_> {
         UncertaintySource::new("probe lobing", Effect::Joint(patterns))
     }
 
-    /// Backlash of the linear axes. Continuous scans estimate it together with the latency (`is_found`).
-    fn backlash(&self, is_found: bool) -> UncertaintySource {
+    /// Backlash of the linear axes. Continuous scans estimate it together with the latency. Otherwise the axes lag
+    /// at a dwell point on the side that they came from: along the `path` of all readings, those of the search and
+    /// those without a value among them.
+    fn backlash(&self, observed: &Observed) -> UncertaintySource {
         let half = declared::half_backlash_mm(self.bench.plan);
-        let spots = &self.grouped.spots;
-        let mut order: Vec<usize> = (0..spots.len()).filter(|_| !is_found).collect();
-        order.sort_by(|a, b| spots[*a].t_s.total_cmp(&spots[*b].t_s));
-        let path: Vec<Vector3<f64>> = order.iter().map(|spot| spots[*spot].xyz).collect();
-        let mut lags = vec![Vector3::zeros(); spots.len()];
-        for (spot, lag) in order.into_iter().zip(declared::lags_mm(self.bench.plan, &path)) {
-            lags[spot] = match self.bench.touches() {
+        let path: Vec<Vector3<f64>> = observed.path.iter().map(|(_, xyz)| *xyz).collect();
+        let along_path = declared::lags_mm(self.bench.plan, &path);
+        let lag = |(spot, normal): (&Spot, &Vector3<f64>)| {
+            let next = observed.path.partition_point(|(t_s, _)| *t_s <= spot.t_s);
+            match self.bench.touches() {
                 // The motion of a touch is opposite to the normal.
-                true => self.normals[spot].zip_map(&half, |n, half| half * n.signum()),
-                false => lag,
-            };
-        }
+                true => normal.zip_map(&half, |n, half| half * n.signum()),
+                false => along_path[..next].last().copied().unwrap_or_default(),
+            }
+        };
+        let is_found = observed.latency.is_some();
+        let spots = self.grouped.spots.iter().zip(&self.normals).filter(|_| !is_found);
+        let lags: Vec<Vector3<f64>> = spots.map(lag).collect();
         let column = |k: usize| lags.iter().zip(&self.normals).map(move |(lag, n)| n[k] * lag[k]);
         let columns = [0, 1, 2].map(|k| column(k).collect());
         unjudged("backlash", Effect::Joint(columns.into()))
