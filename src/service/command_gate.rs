@@ -3,6 +3,7 @@
 //! delay the run.
 
 use std::collections::BTreeMap;
+use std::sync::mpsc::Sender;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -12,17 +13,15 @@ use tracing::info_span;
 
 use super::Log;
 use super::config::{Config, Demand};
-use super::heartbeat::WorkerHeartbeat;
-use super::machine_state::{Interlocks, MachineState, Refusal, State};
-use super::metrics::Tally;
-use super::schedule_state::ScheduleState;
+use super::heartbeat::Heartbeat;
+use super::machine_state::{CycleEnd, Interlocks, MachineState, Refusal, State};
+use super::schedule_state::{DueRequest, ReadinessSource};
 use super::worker_command::{Answer, Inspection, Stopped, WorkerCommand};
 use crate::run::{Asked, PromptAnswers, Rehearsed};
-use crate::store::RunId;
+use crate::store::{Journal, NewestRuns, RunId, StoreError};
 use devices::controllers::Halt;
-use machine::record::estimate::Estimate;
 
-struct Inner {
+pub(super) struct Inner {
     machine_state: MachineState,
     /// Halt handle of the run in progress.
     halt: Option<Halt>,
@@ -35,6 +34,9 @@ struct Inner {
     rehearsed: BTreeMap<u16, Rehearsed>,
     /// Time at which the last cycle ended.
     last_end: Option<Instant>,
+    pub(super) heartbeat: Heartbeat,
+    pub(super) readiness_sources: Vec<ReadinessSource>,
+    pub(super) due_requests: Option<Sender<DueRequest>>,
 }
 
 #[derive(Clone)]
@@ -45,27 +47,27 @@ pub struct CommandGate {
     demand: Arc<[Demand]>,
     min_interval: Duration,
     log: Log,
-    heartbeat: WorkerHeartbeat,
-    tally: Tally,
     /// Counter of the changes of the machine state.
     changes: Arc<watch::Sender<u64>>,
-    schedule_state: ScheduleState,
+    /// Serialises the queries of the newest runs, so that an older result never replaces a newer one.
+    newest_query: Arc<Mutex<()>>,
 }
 
 impl CommandGate {
     /// The receiver gets the accepted commands.
-    pub fn new(config: &Config, log: Log, tally: Tally) -> (Self, mpsc::Receiver<WorkerCommand>) {
+    pub fn new(config: &Config, log: Log) -> (Self, mpsc::Receiver<WorkerCommand>) {
         let (commands, todo) = mpsc::channel(8);
-        let machine_state = MachineState::default();
-        let (answer, rehearsed, acting) = (None, BTreeMap::new(), false);
         let inner = Inner {
-            machine_state,
+            machine_state: MachineState::default(),
             halt: None,
             stop: false,
-            acting,
-            answer,
-            rehearsed,
+            acting: false,
+            answer: None,
+            rehearsed: BTreeMap::new(),
             last_end: None,
+            heartbeat: Heartbeat::now(config.patience),
+            readiness_sources: Vec::new(),
+            due_requests: None,
         };
         let gate = Self {
             inner: Arc::new(Mutex::new(inner)),
@@ -74,25 +76,14 @@ impl CommandGate {
             demand: config.demand.clone().into(),
             min_interval: config.min_interval,
             log,
-            heartbeat: WorkerHeartbeat::new(config.patience),
-            tally,
             changes: Arc::new(watch::Sender::new(0)),
-            schedule_state: ScheduleState::default(),
+            newest_query: Arc::default(),
         };
         (gate, todo)
     }
 
-    fn inner(&self) -> MutexGuard<'_, Inner> {
+    pub(super) fn inner(&self) -> MutexGuard<'_, Inner> {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Heartbeat of this machine's worker.
-    pub fn heartbeat(&self) -> &WorkerHeartbeat {
-        &self.heartbeat
-    }
-
-    pub(super) fn tally(&self) -> &Tally {
-        &self.tally
     }
 
     pub fn machine_state(&self) -> MachineState {
@@ -108,9 +99,19 @@ impl CommandGate {
         self.changes.send_modify(|count| *count = count.wrapping_add(1));
     }
 
-    /// The state that this machine's schedule shares with the triggers and the clients.
-    pub fn schedule_state(&self) -> &ScheduleState {
-        &self.schedule_state
+    /// Queries the journal for the newest runs of this machine. Blocks this thread.
+    ///
+    /// # Errors
+    /// The journal cannot be read; the previous result is discarded.
+    pub fn query_newest(&self, journal: &Journal, machine: &str) -> Result<(), StoreError> {
+        let query = self.newest_query.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = journal.newest(machine);
+        let newest = found.as_ref().map_or_else(|_| NewestRuns::default(), NewestRuns::clone);
+        if *self.inner().machine_state.newest != newest {
+            self.update(|machine_state| machine_state.newest = Arc::new(newest));
+        }
+        drop(query);
+        found.map(drop)
     }
 
     /// Checks whether [`Self::start`] would accept `cycle` now. A refusal is neither counted nor logged.
@@ -213,13 +214,13 @@ impl CommandGate {
         }
     }
 
-    /// Records a refusal in the machine state, the metrics and the log.
+    /// Records a refusal in the machine state and the log.
     pub fn refuse(&self, why: Refusal, what: &str) {
         let mut inner = self.inner();
         inner.machine_state.refusal = Some(why);
         inner.machine_state.refused = inner.machine_state.refused.wrapping_add(1);
+        *inner.machine_state.counters.refusals.entry(why).or_default() += 1;
         drop(inner);
-        self.tally.refused(why);
         self.changed();
         self.log.say(&format!("refused, {what}: {why}"));
     }
@@ -274,7 +275,7 @@ impl CommandGate {
     pub(super) fn answers(&self, patience: Duration) -> PromptAnswers {
         let gate = self.clone();
         PromptAnswers::new(move |asked| {
-            gate.heartbeat.beat(patience);
+            gate.report_progress(patience);
             let given = gate.inner().answer.take_if(|(to, _)| to == asked);
             given.map(|(_, who)| who)
         })
@@ -339,20 +340,13 @@ impl CommandGate {
         self.changed();
     }
 
-    /// Records the end of a cycle, with or without an estimate.
-    pub(super) fn ended(&self, state: State, estimate: Option<&Estimate>) {
+    pub(super) fn record_end(&self, end: CycleEnd<'_>) {
         let mut inner = self.inner();
-        (inner.halt, inner.answer, inner.machine_state.asked) = (None, None, None);
+        (inner.halt, inner.answer) = (None, None);
         inner.last_end = Some(Instant::now());
-        if let Some(estimate) = estimate {
-            inner.machine_state.progress_percent = 100;
-            inner.machine_state.verdict = Some(estimate.verdict);
-            inner.machine_state.deviations = estimate.parameters.clone();
-        }
-        (inner.machine_state.stage, inner.machine_state.step) = (String::new(), String::new());
-        inner.machine_state.remaining_s = None;
+        inner.machine_state.end_cycle(&end);
         drop(inner);
-        self.finish_command(state);
+        self.finish_command(end.state);
     }
 
     /// Sets the state, unless a command is in progress (the end of the command sets it) or the service is ending.
@@ -385,7 +379,6 @@ impl CommandGate {
     /// Gate of a machine with one cycle; the receiver is that of [`Self::new`].
     pub fn for_tests() -> (Self, mpsc::Receiver<WorkerCommand>) {
         let config = "min_interval_s = 0.0\n[[cycle]]\nnumber = 1\nmethod = \"self-calibration\"\n";
-        let (log, metrics): (Log, _) = (Log::new(|_, _| {}), super::metrics::Metrics::default());
-        Self::new(&toml::from_str(config).unwrap(), log, metrics.of("mill"))
+        Self::new(&toml::from_str(config).unwrap(), Log::new(|_, _| {}))
     }
 }

@@ -3,7 +3,7 @@
 use tokio::sync::mpsc::Receiver;
 
 use super::command_gate::CommandGate;
-use super::machine_state::{Interlocks, Refusal, State};
+use super::machine_state::{CycleEnd, Interlocks, Refusal, State};
 use super::worker_command::{Inspection, Stopped, WorkerCommand};
 use crate::run::Rehearsed;
 use crate::store::RunId;
@@ -74,7 +74,7 @@ fn a_hold_is_heard_by_whatever_moves() {
     let (halt, halted) = seen();
     gate.register_halt(&halt);
     assert!(halted());
-    gate.ended(State::Held, None);
+    gate.record_end(CycleEnd::in_state(State::Held));
     assert_eq!(gate.stop("Ada"), Stopped::Nothing);
     // The stop does not depend on the machine state.
     assert_eq!(RESUME(&gate), Ok(()));
@@ -93,7 +93,7 @@ fn the_time_left_is_never_made_up() {
     gate.rehearsed([(1, Rehearsed { machine_s: 600.0, asks: true })].into());
     assert_eq!(START(&gate), Ok(()));
     assert_eq!(gate.machine_state().remaining_s, Some(600.0));
-    gate.ended(State::Held, None);
+    gate.record_end(CycleEnd::in_state(State::Held));
     assert_eq!(gate.machine_state().remaining_s, None);
     assert_eq!(RESUME(&gate), Ok(()));
     assert_eq!(gate.machine_state().remaining_s, None);

@@ -53,7 +53,7 @@ impl Service {
             }
             let log = if several { log.of(name) } else { log.clone() };
             let served = (machine, config);
-            workers.push(MachineWorker::new(served, folder.clone(), pace, log, &metrics)?);
+            workers.push(MachineWorker::new(served, folder.clone(), pace, log)?);
         }
         let (captures, retention) = (None, None);
         Ok(Self { workers, http, folder, log, metrics, captures, retention })

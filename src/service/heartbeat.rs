@@ -1,40 +1,38 @@
 //! Heartbeat of a machine's worker: each beat states the maximum time until the next one. Only progress of the
 //! work itself beats, so that hung work is detected.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-#[derive(Debug, Clone)]
-pub struct WorkerHeartbeat(Arc<Mutex<LastBeat>>);
+use super::command_gate::CommandGate;
 
-#[derive(Debug)]
-struct LastBeat {
-    at: Instant,
-    patience: Duration,
+/// The newest beat.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Heartbeat {
+    time: Instant,
+    /// Maximum time until the next beat.
+    timeout: Duration,
 }
 
-impl WorkerHeartbeat {
-    /// Starts the heartbeat; the first beat is due within `patience`.
-    pub fn new(patience: Duration) -> Self {
-        Self(Arc::new(Mutex::new(LastBeat { at: Instant::now(), patience })))
+impl Heartbeat {
+    /// A beat now; the next one is due within `timeout`.
+    pub(super) fn now(timeout: Duration) -> Self {
+        Self { time: Instant::now(), timeout }
+    }
+}
+
+impl CommandGate {
+    /// Reports progress; the next report is due within `timeout`.
+    pub fn report_progress(&self, timeout: Duration) {
+        self.inner().heartbeat = Heartbeat::now(timeout);
     }
 
-    fn last(&self) -> MutexGuard<'_, LastBeat> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Time since the last report of progress.
+    pub fn progress_age(&self) -> Duration {
+        self.inner().heartbeat.time.elapsed()
     }
 
-    /// Reports progress; the next beat is due within `patience`.
-    pub fn beat(&self, patience: Duration) {
-        *self.last() = LastBeat { at: Instant::now(), patience };
-    }
-
-    /// Time since the last beat.
-    pub fn age(&self) -> Duration {
-        self.last().at.elapsed()
-    }
-
-    pub fn is_late(&self) -> bool {
-        let last = self.last();
-        last.at.elapsed() > last.patience
+    pub fn is_progress_late(&self) -> bool {
+        let Heartbeat { time, timeout } = self.inner().heartbeat;
+        time.elapsed() > timeout
     }
 }

@@ -73,14 +73,14 @@ impl Identifications {
 fn show_result(gate: &CommandGate, log: &Log, run: RunId, stored: Result<Estimate, Unidentified>) {
     match stored {
         Ok(estimate) => {
-            gate.tally().ended(Outcome::Judged(estimate.verdict));
             gate.update(|machine_state| {
+                machine_state.count_outcome(Outcome::Judged(estimate.verdict));
                 machine_state.identified = machine_state.identified.wrapping_add(1)
             });
             log.say(&format!("run {run} is identified, verdict {}", estimate.verdict));
         }
         Err(why) => {
-            gate.tally().ended(Outcome::Failed);
+            gate.update(|machine_state| machine_state.count_outcome(Outcome::Failed));
             let remedy = why.remedy().map_or(String::new(), |remedy| format!("; {remedy}"));
             log.fault(&format!("run {run} is not identified: {why}{remedy}"));
         }

@@ -1,11 +1,17 @@
 //! State of a machine, for the triggers, the page and the HTTP API.
 
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
 use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::config::Demand;
+use super::metrics::Outcome;
+use super::schedule_state::Planned;
 use crate::run::Asked;
-use machine::record::estimate::{Parameter, Verdict};
+use crate::store::NewestRuns;
+use machine::record::estimate::{Estimate, Parameter, Verdict};
 use machine::record::watch::LiveValues;
 
 /// State of the service of one machine.
@@ -39,7 +45,7 @@ impl State {
 }
 
 /// Why a request is refused.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, thiserror::Error)]
 pub enum Refusal {
     #[error("a run is on")]
     Busy = 1,
@@ -128,7 +134,8 @@ impl Interlocks {
     }
 }
 
-/// State of a machine: everything that a trigger may report.
+/// State of a machine: everything that the triggers, the page, the API and the metrics report. Only the gate changes
+/// it ([`CommandGate`](super::command_gate::CommandGate)).
 #[derive(Debug, Clone, Default)]
 pub struct MachineState {
     pub state: State,
@@ -161,6 +168,22 @@ pub struct MachineState {
     pub asked: Option<Asked>,
     /// Live values of the sensors that the open prompt names; `None` before the first values.
     pub live: Option<LiveValues>,
+    /// Schedules with their next times and the reasons why due slots wait.
+    pub planned: Vec<Planned>,
+    /// Newest runs in the journal, whichever process measured them, as of the last query.
+    pub newest: Arc<NewestRuns>,
+    pub counters: Counters,
+}
+
+/// Counts since the start of the service, for the metrics.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Counters {
+    /// Ended cycles and identifications by [`Outcome::label`](super::metrics::Outcome::label).
+    pub outcomes: BTreeMap<&'static str, u64>,
+    pub readings: u64,
+    pub refusals: BTreeMap<Refusal, u64>,
+    /// Cycles that ended by a failure of a link.
+    pub link_errors: u64,
 }
 
 /// Error message for a person.
@@ -168,6 +191,25 @@ pub struct MachineState {
 pub struct Failure {
     pub what: String,
     pub remedy: Option<String>,
+}
+
+/// How a cycle ended.
+pub(super) struct CycleEnd<'a> {
+    /// State of the machine from now on.
+    pub state: State,
+    pub estimate: Option<&'a Estimate>,
+    pub failure: Option<Failure>,
+    /// `None`: the run is counted when it is identified.
+    pub outcome: Option<Outcome>,
+    /// Whether a failure of a link ended the cycle.
+    pub is_link_error: bool,
+}
+
+#[cfg(test)]
+impl CycleEnd<'_> {
+    pub fn in_state(state: State) -> Self {
+        Self { state, estimate: None, failure: None, outcome: None, is_link_error: false }
+    }
 }
 
 impl MachineState {
@@ -180,5 +222,23 @@ impl MachineState {
         (self.stage, self.step) = (String::new(), String::new());
         (self.remaining_s, self.measured) = (machine_s, 0);
         (self.asked, self.live) = (None, None);
+    }
+
+    /// Records the end of a cycle; the gate sets the state.
+    pub(super) fn end_cycle(&mut self, end: &CycleEnd<'_>) {
+        if let Some(estimate) = end.estimate {
+            self.progress_percent = 100;
+            self.verdict = Some(estimate.verdict);
+            self.deviations = estimate.parameters.clone();
+        }
+        (self.stage, self.step) = (String::new(), String::new());
+        (self.asked, self.remaining_s) = (None, None);
+        self.failure.clone_from(&end.failure);
+        end.outcome.into_iter().for_each(|outcome| self.count_outcome(outcome));
+        self.counters.link_errors += u64::from(end.is_link_error);
+    }
+
+    pub(super) fn count_outcome(&mut self, outcome: Outcome) {
+        *self.counters.outcomes.entry(outcome.label()).or_default() += 1;
     }
 }

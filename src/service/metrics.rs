@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 use std::sync::Arc;
-use std::sync::atomic::AtomicU64;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use prometheus_client::encoding::text;
@@ -14,7 +14,7 @@ use prometheus_client::metrics::histogram::{Histogram, exponential_buckets};
 use prometheus_client::metrics::info::Info;
 use prometheus_client::registry::Registry;
 
-use super::machine_state::{Refusal, State};
+use super::machine_state::{MachineState, State};
 use machine::record::estimate::Verdict;
 
 type Labels<const N: usize> = [(&'static str, Cow<'static, str>); N];
@@ -53,7 +53,7 @@ impl Outcome {
         Self::Failed,
     ];
 
-    fn word(self) -> &'static str {
+    pub fn label(self) -> &'static str {
         match self {
             Self::Judged(Verdict::Pass) => "pass",
             Self::Judged(Verdict::Fail) => "fail",
@@ -64,13 +64,6 @@ impl Outcome {
             Self::Failed => "failed",
         }
     }
-}
-
-/// Counters of one machine.
-#[derive(Clone)]
-pub struct Tally {
-    metrics: Metrics,
-    machine: String,
 }
 
 impl Default for Metrics {
@@ -117,25 +110,26 @@ impl Metrics {
         move |took: Duration| histogram.observe(took.as_secs_f64())
     }
 
-    /// Counters of `machine`; those of runs, readings and link errors exist from the start with the value 0.
-    pub fn of(&self, machine: &str) -> Tally {
-        let tally = Tally { metrics: self.clone(), machine: machine.to_owned() };
-        Outcome::ALL
-            .iter()
-            .for_each(|outcome| drop(self.runs.get_or_create(&tally.by(outcome.word()))));
-        drop(self.readings.get_or_create(&tally.own()));
-        drop(self.link_errors.get_or_create(&tally.own()));
-        tally
-    }
-
-    /// The state of `machine`, and how long ago its worker last made progress.
-    pub fn set_machine(&self, machine: &str, now: State, progress_age: Duration) {
+    /// Sets the values of `machine`. Those of all outcomes, readings and link errors exist from the start.
+    pub fn set_machine(&self, machine: &str, machine_state: &MachineState, progress_age: Duration) {
+        let MachineState { state: now, counters, .. } = machine_state;
+        let name = || ("machine", Cow::from(machine.to_owned()));
+        let set = |counter: &Counter, count: u64| counter.inner().store(count, Ordering::Relaxed);
         for state in State::ALL {
-            let labels = [("machine", machine.to_owned().into()), ("state", state.word().into())];
-            self.state.get_or_create(&labels).set(i64::from(state == now));
+            let labels = [name(), ("state", state.word().into())];
+            self.state.get_or_create(&labels).set(i64::from(state == *now));
         }
-        let labels = [("machine", machine.to_owned().into())];
-        self.progress_age.get_or_create(&labels).set(progress_age.as_secs_f64());
+        self.progress_age.get_or_create(&[name()]).set(progress_age.as_secs_f64());
+        for label in Outcome::ALL.map(Outcome::label) {
+            let count = counters.outcomes.get(label).copied().unwrap_or_default();
+            set(&self.runs.get_or_create(&[name(), ("outcome", label.into())]), count);
+        }
+        for (why, count) in &counters.refusals {
+            let labels = [name(), ("reason", format!("{why:?}").into())];
+            set(&self.refusals.get_or_create(&labels), *count);
+        }
+        set(&self.readings.get_or_create(&[name()]), counters.readings);
+        set(&self.link_errors.get_or_create(&[name()]), counters.link_errors);
     }
 
     /// Returns all metrics in the OpenMetrics text format.
@@ -146,33 +140,5 @@ impl Metrics {
         let mut text = String::new();
         text::encode(&mut text, &self.registry)?;
         Ok(text)
-    }
-}
-
-impl Tally {
-    fn own(&self) -> Labels<1> {
-        [("machine", self.machine.clone().into())]
-    }
-
-    fn by(&self, outcome: &'static str) -> Labels<2> {
-        [("machine", self.machine.clone().into()), ("outcome", outcome.into())]
-    }
-
-    pub fn ended(&self, outcome: Outcome) {
-        self.metrics.runs.get_or_create(&self.by(outcome.word())).inc();
-    }
-
-    pub fn read(&self) {
-        self.metrics.readings.get_or_create(&self.own()).inc();
-    }
-
-    pub fn link_failed(&self) {
-        self.metrics.link_errors.get_or_create(&self.own()).inc();
-    }
-
-    pub fn refused(&self, why: Refusal) {
-        let reason = format!("{why:?}").into();
-        let labels = [("machine", self.machine.clone().into()), ("reason", reason)];
-        self.metrics.refusals.get_or_create(&labels).inc();
     }
 }

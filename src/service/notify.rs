@@ -2,7 +2,7 @@
 //! `NOTIFY_SOCKET` none is sent, but hung work is still detected and its machine held.
 //!
 //! The watchdog is fed only while every machine's worker makes progress within the time that the worker has
-//! announced ([`WorkerHeartbeat`](super::heartbeat::WorkerHeartbeat)): a live thread does not mask a hung one.
+//! announced ([`CommandGate::report_progress`]): a live thread does not mask a hung one.
 
 use std::thread::{Builder, sleep};
 use std::time::{Duration, Instant};
@@ -92,9 +92,9 @@ impl Watch {
     /// reaches the control independently of the hung thread.
     fn all_live(&mut self, log: &Log) -> bool {
         for ((name, gate), was_late) in self.watched.iter().zip(&mut self.late) {
-            let is_late = gate.heartbeat().is_late();
+            let is_late = gate.is_progress_late();
             if is_late && !*was_late {
-                let seconds = gate.heartbeat().age().as_secs();
+                let seconds = gate.progress_age().as_secs();
                 log.fault(&format!(
                     "{name}: no progress for {seconds} s: the watchdog is fed no more"
                 ));
@@ -125,15 +125,15 @@ mod tests {
         let (_, mill) = &machines[0];
         mill.update(|machine_state| machine_state.state = State::Running);
         mill.register_halt(&halt);
-        machines.iter().for_each(|(_, gate)| gate.heartbeat().beat(LONG));
+        machines.iter().for_each(|(_, gate)| gate.report_progress(LONG));
         assert!(watch.all_live(&log) && !halt.is_halted());
-        mill.heartbeat().beat(Duration::ZERO);
+        mill.report_progress(Duration::ZERO);
         sleep(Duration::from_millis(1));
         // The live worker of the other machine does not mask the hung one.
-        machines[1].1.heartbeat().beat(LONG);
+        machines[1].1.report_progress(LONG);
         assert!(!watch.all_live(&log) && halt.is_halted());
         assert!(!watch.all_live(&log));
-        mill.heartbeat().beat(LONG);
+        mill.report_progress(LONG);
         assert!(watch.all_live(&log));
     }
 

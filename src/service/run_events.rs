@@ -28,7 +28,7 @@ impl<'a> RunEvents<'a> {
     }
 
     pub(super) fn publish(&mut self, event: &Event) {
-        self.gate.heartbeat().beat(self.patience);
+        self.gate.report_progress(self.patience);
         match event {
             Event::Announced { text } => self.log.say(text),
             Event::StageStarted { stage } => {
@@ -56,8 +56,10 @@ impl<'a> RunEvents<'a> {
             }
             Event::Answered { who, .. } => self.log.say(&format!("done, says {who}")),
             Event::ReadingStored { .. } | Event::ScanStored { .. } => {
-                self.gate.tally().read();
-                self.gate.update(|machine_state| machine_state.measured += 1);
+                self.gate.update(|machine_state| {
+                    machine_state.measured += 1;
+                    machine_state.counters.readings += 1;
+                });
             }
             _ => {}
         }

@@ -1,14 +1,15 @@
-//! State of a machine's schedule, shared by the scheduler, the triggers and the clients: the planned slots, the
-//! machine's readiness for an unattended start, and requests that a cycle is due.
+//! Schedule of a machine: the planned slots, the machine's readiness for an unattended start, and requests that a
+//! cycle is due.
 
+use std::sync::Arc;
 use std::sync::mpsc::Sender;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use jiff::tz::TimeZone;
 use jiff::{SignedDuration, Span, Timestamp, Zoned};
 use serde::Serialize;
 use tokio::sync::oneshot;
 
+use super::command_gate::CommandGate;
 use super::machine_state::Interlocks;
 use crate::store::{Arming, Journal, Slot, StoreError};
 
@@ -73,15 +74,11 @@ pub struct Agenda {
 /// The journal cannot be read.
 pub fn agenda(
     journal: &Journal,
-    schedule_state: &ScheduleState,
+    planned: Vec<Planned>,
     machine: &str,
 ) -> Result<Agenda, StoreError> {
     const LAST: usize = 50;
-    Ok(Agenda {
-        planned: schedule_state.planned(),
-        armed: journal.armings(machine)?,
-        last: journal.slots(machine, LAST)?,
-    })
+    Ok(Agenda { planned, armed: journal.armings(machine)?, last: journal.slots(machine, LAST)? })
 }
 
 /// Maximum duration of an arming.
@@ -125,68 +122,51 @@ pub struct DueRequest {
     pub answer: oneshot::Sender<Result<(), String>>,
 }
 
-type ReadinessSource = Box<dyn Fn() -> Readiness + Send>;
+pub(super) type ReadinessSource = Arc<dyn Fn() -> Readiness + Send + Sync>;
 
-#[derive(Clone, Default)]
-pub struct ScheduleState(Arc<Mutex<Inner>>);
-
-#[derive(Default)]
-struct Inner {
-    planned: Vec<Planned>,
-    sources: Vec<ReadinessSource>,
-    due_requests: Option<Sender<DueRequest>>,
-}
-
-impl ScheduleState {
-    fn inner(&self) -> MutexGuard<'_, Inner> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
+/// What the schedule and the triggers share of a machine.
+impl CommandGate {
     /// Adds a source that reports the readiness of the machine.
-    pub fn add_readiness_source(&self, source: impl Fn() -> Readiness + Send + 'static) {
-        self.inner().sources.push(Box::new(source));
+    pub fn add_readiness_source(&self, source: impl Fn() -> Readiness + Send + Sync + 'static) {
+        self.inner().readiness_sources.push(Arc::new(source));
     }
 
     /// Combined readiness of all sources. `None` without a source, or while one of them is stale: an unattended start
     /// needs the report of every source.
     pub fn combined_readiness(&self) -> Option<Readiness> {
-        let all = self.all();
-        all.iter()
-            .all(|told| told.interlocks.fresh)
-            .then(|| all.into_iter().reduce(Readiness::and))
-            .flatten()
+        let reports = self.readiness_reports();
+        let is_fresh = reports.iter().all(|report| report.interlocks.fresh);
+        is_fresh.then(|| reports.into_iter().reduce(Readiness::and)).flatten()
     }
 
     /// Combined interlocks of the fresh sources only: a person can replace a stale source, but cannot override a
     /// fresh one.
     pub fn fresh_interlocks(&self) -> Option<Interlocks> {
-        let fresh = self.all().into_iter().filter(|told| told.interlocks.fresh);
-        fresh.reduce(Readiness::and).map(|told| told.interlocks)
+        let fresh = self.readiness_reports().into_iter().filter(|report| report.interlocks.fresh);
+        fresh.reduce(Readiness::and).map(|report| report.interlocks)
     }
 
-    fn all(&self) -> Vec<Readiness> {
-        self.inner().sources.iter().map(|source| source()).collect()
+    fn readiness_reports(&self) -> Vec<Readiness> {
+        // A source may use the gate: the lock is released before the sources are called.
+        let sources = self.inner().readiness_sources.clone();
+        sources.iter().map(|source| source()).collect()
     }
 
-    pub fn planned(&self) -> Vec<Planned> {
-        self.inner().planned.clone()
-    }
-
-    pub fn set_planned(&self, planned: Vec<Planned>) {
-        self.inner().planned = planned;
-    }
-
-    /// Sets the channel that receives the calls.
+    /// Sets the channel on which the scheduler receives the requests that a cycle is due.
     pub fn set_due_requests(&self, due_requests: Sender<DueRequest>) {
         self.inner().due_requests = Some(due_requests);
     }
 
-    /// Reports on behalf of `who` that `cycle` is due. `None`: no schedule is running yet.
-    pub fn due(&self, cycle: u16, who: String) -> Option<oneshot::Receiver<Result<(), String>>> {
-        let (answer, told) = oneshot::channel();
+    /// Requests on behalf of `who` that `cycle` is due now. `None`: no schedule is running yet.
+    pub fn request_due(
+        &self,
+        cycle: u16,
+        who: String,
+    ) -> Option<oneshot::Receiver<Result<(), String>>> {
+        let (answer, answered) = oneshot::channel();
         let due_requests = self.inner().due_requests.clone()?;
         due_requests.send(DueRequest { cycle, who, answer }).ok()?;
-        Some(told)
+        Some(answered)
     }
 }
 
@@ -228,17 +208,14 @@ mod tests {
         };
         let all =
             Readiness { interlocks, probe: true, artefact: true, temperature: true, idle: true };
-        let schedule_state = ScheduleState::default();
+        let gate = CommandGate::for_tests().0;
+        assert_eq!((gate.combined_readiness(), gate.fresh_interlocks()), (None, None));
+        gate.add_readiness_source(move || all);
         assert_eq!(
-            (schedule_state.combined_readiness(), schedule_state.fresh_interlocks()),
-            (None, None)
-        );
-        schedule_state.add_readiness_source(move || all);
-        assert_eq!(
-            (schedule_state.combined_readiness(), schedule_state.fresh_interlocks()),
+            (gate.combined_readiness(), gate.fresh_interlocks()),
             (Some(all), Some(interlocks))
         );
-        let silent = ScheduleState::default();
+        let silent = CommandGate::for_tests().0;
         silent.add_readiness_source(Readiness::default);
         silent.add_readiness_source(move || all);
         assert_eq!(
@@ -250,7 +227,7 @@ mod tests {
             idle: false,
             ..all
         };
-        schedule_state.add_readiness_source(move || other);
-        assert_eq!(schedule_state.combined_readiness(), Some(other));
+        gate.add_readiness_source(move || other);
+        assert_eq!(gate.combined_readiness(), Some(other));
     }
 }

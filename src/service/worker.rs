@@ -14,11 +14,11 @@ use super::captures::{Begun, Captures};
 use super::command_gate::CommandGate;
 use super::config::{Config, Cycle};
 use super::cycle_failure::{CycleFailure, failure_of};
-use super::http::{Last, ServedMachine};
+use super::http::ServedMachine;
 use super::identify::Identifications;
 use super::last_run::unfinished;
-use super::machine_state::{Failure, State};
-use super::metrics::{Metrics, Outcome};
+use super::machine_state::{CycleEnd, Failure, State};
+use super::metrics::Outcome;
 use super::run_events::RunEvents;
 use super::worker_command::{Acknowledgement, WorkerCommand};
 use super::{Ended, Log, ServeError, schedule, triggers};
@@ -60,13 +60,11 @@ impl MachineWorker {
         folder: PathBuf,
         pace: Pace,
         log: Log,
-        metrics: &Metrics,
     ) -> Result<Self, ServeError> {
         for cycle in &config.cycle {
             setup::header(&machine, &cycle.method, cycle.repeat)?;
         }
-        let (gate, commands) =
-            CommandGate::new(&config, log.clone(), metrics.of(&machine.machine.name));
+        let (gate, commands) = CommandGate::new(&config, log.clone());
         let (captures, lock, identifications) = (None, None, Identifications::default());
         Ok(Self {
             machine,
@@ -110,14 +108,14 @@ impl MachineWorker {
         let kept = (self.config.schedule.as_slice(), self.config.demand.as_slice());
         schedule::start(self.name(), kept, &self.gate, journal, &self.log)?;
         // The time of the start-up does not count: progress is watched from now on.
-        self.gate.heartbeat().beat(HEARTBEAT_TIMEOUT);
+        self.gate.report_progress(HEARTBEAT_TIMEOUT);
         Ok(())
     }
 
     /// Works until the gate ends. Errors of a cycle are in the machine state and in the log.
     pub async fn run(mut self, journal: &Journal) -> Ended {
         loop {
-            self.gate.heartbeat().beat(HEARTBEAT_TIMEOUT);
+            self.gate.report_progress(HEARTBEAT_TIMEOUT);
             let command = match timeout(TICK, self.commands.recv()).await {
                 Ok(Some(command)) => command,
                 Ok(None) => break,
@@ -128,7 +126,7 @@ impl MachineWorker {
                     continue;
                 }
             };
-            self.gate.heartbeat().beat(self.config.patience);
+            self.gate.report_progress(self.config.patience);
             match command {
                 _ if self.gate.is_ending() => break,
                 WorkerCommand::End => break,
@@ -193,16 +191,14 @@ impl MachineWorker {
     pub fn served_machine(&self) -> ServedMachine {
         let (cycles, demand) = (self.config.cycle.clone(), self.config.demand.clone());
         let (name, tolerance) = (self.name().to_owned(), self.machine.tolerance.clone());
-        let (last, file_sha256) =
-            (Last::new(self.config.verdict), sha256_text(self.machine.text()));
         ServedMachine {
             name,
-            file_sha256,
+            file_sha256: sha256_text(self.machine.text()),
             gate: self.gate.clone(),
             cycles,
             demand,
             tolerance,
-            last,
+            verdict_validity: self.config.verdict,
         }
     }
 
@@ -272,30 +268,25 @@ impl MachineWorker {
             Err(failed) if !failed.is_stop() => self.log.fault(&told),
             _ => self.log.say(&told),
         }
-        self.count(&measured);
-        self.gate.update(|machine_state| machine_state.failure = why);
         if state == State::Held {
             // From now on a person may resume the run, from the page or from the command line.
             self.lock = None;
         }
-        self.gate.ended(state, measured.ok().as_ref().map(|(_, estimate)| estimate));
-        (state != State::Waiting && self.gate.is_ending()).then_some(Ended::Held)
-    }
-
-    fn count(&self, measured: &Result<(RunId, Estimate), CycleFailure>) {
-        let tally = self.gate.tally();
-        match measured {
-            Ok((_, estimate)) => tally.ended(Outcome::Judged(estimate.verdict)),
-            Err(CycleFailure::Cycle(error)) if error.holds() => tally.ended(Outcome::Held),
+        let outcome = match &measured {
+            Ok((_, estimate)) => Some(Outcome::Judged(estimate.verdict)),
+            Err(CycleFailure::Cycle(error)) if error.holds() => Some(Outcome::Held),
             // The run is counted when it is identified.
-            Err(failed) if failed.is_stop() => {}
-            Err(_) => tally.ended(Outcome::Failed),
-        }
-        if let Err(CycleFailure::Cycle(CycleError::Run { error, .. })) = measured
-            && error.is_of_link()
-        {
-            tally.link_failed();
-        }
+            Err(failed) if failed.is_stop() => None,
+            Err(_) => Some(Outcome::Failed),
+        };
+        let is_link_error = match &measured {
+            Err(CycleFailure::Cycle(CycleError::Run { error, .. })) => error.is_of_link(),
+            _ => false,
+        };
+        let estimate = measured.as_ref().ok().map(|(_, estimate)| estimate);
+        let end = CycleEnd { state, estimate, failure: why, outcome, is_link_error };
+        self.gate.record_end(end);
+        (state != State::Waiting && self.gate.is_ending()).then_some(Ended::Held)
     }
 
     async fn measured(

@@ -45,10 +45,7 @@ async fn of_machine(
 
 /// Triggers of the events: the first at once, then each change and each keep-alive.
 fn looks(machine: &ServedMachine) -> impl Stream<Item = ()> + use<> {
-    let machine_state = WatchStream::new(machine.gate.changes());
-    // The first trigger comes from the machine state.
-    let results = WatchStream::from_changes(machine.last.changes());
-    let changes = machine_state.merge(results).map(|_| ()).throttle(EVERY);
+    let changes = WatchStream::new(machine.gate.changes()).map(|_| ()).throttle(EVERY);
     let mut alive = interval_at(Instant::now() + ALIVE, ALIVE);
     alive.set_missed_tick_behavior(MissedTickBehavior::Delay);
     changes.merge(IntervalStream::new(alive).map(|_| ()))

@@ -18,7 +18,7 @@ pub fn routes() -> Router<AppState> {
 async fn metrics(State(web): State<AppState>) -> Response {
     for machine in web.machines.iter() {
         let gate = &machine.gate;
-        web.metrics.set_machine(&machine.name, gate.machine_state().state, gate.heartbeat().age());
+        web.metrics.set_machine(&machine.name, &gate.machine_state(), gate.progress_age());
     }
     match web.metrics.text() {
         Ok(text) => ([(CONTENT_TYPE, OPEN_METRICS)], text).into_response(),

@@ -22,6 +22,7 @@ mod whereabouts;
 use std::collections::BTreeMap;
 use std::net::TcpListener;
 use std::sync::Arc;
+use std::time::Duration;
 
 use axum::Router;
 use tokio::sync::Semaphore;
@@ -29,7 +30,6 @@ use tokio::sync::Semaphore;
 use self::access::Access;
 pub use self::access::{Role, Token, TokenError, Tokens};
 pub use self::page::address;
-pub use self::results::Last;
 pub use self::whereabouts::PageAddressFile;
 use super::command_gate::CommandGate;
 use super::config::{Cycle, Demand, Http};
@@ -50,8 +50,8 @@ pub struct ServedMachine {
     /// Conditions that a person must confirm to start a cycle.
     pub demand: Vec<Demand>,
     pub tolerance: Vec<Limit>,
-    /// Newest result of the machine.
-    pub last: Last,
+    /// Time for which a verdict stays valid.
+    pub verdict_validity: Duration,
 }
 
 /// Shared state of all handlers.
@@ -102,7 +102,7 @@ pub fn start(
         log.fault(&format!("commands will not find the page: {error}"));
     }
     for machine in &machines {
-        if let Err(error) = machine.last.look(&journal, &machine.name) {
+        if let Err(error) = machine.gate.query_newest(&journal, &machine.name) {
             log.fault(&format!("what {} was found to be is not known: {error}", machine.name));
         }
     }

@@ -40,8 +40,8 @@ async fn schedule(
 }
 
 async fn of(web: &AppState, machine: &ServedMachine) -> Result<Agenda, Problem> {
-    let (schedule_state, name) = (machine.gate.schedule_state().clone(), machine.name.clone());
-    Ok(read_journal(web, move |journal| agenda(journal, &schedule_state, &name)).await??)
+    let (planned, name) = (machine.gate.machine_state().planned, machine.name.clone());
+    Ok(read_journal(web, move |journal| agenda(journal, planned, &name)).await??)
 }
 
 #[derive(Debug, Deserialize, ToSchema)]
@@ -129,7 +129,7 @@ async fn due(
 
 async fn called(web: AppState, machine: ServedMachine, due: Due) -> Result<(), Problem> {
     let Due { cycle, who, why } = due;
-    let answered = match machine.gate.schedule_state().due(cycle, who.clone()) {
+    let answered = match machine.gate.request_due(cycle, who.clone()) {
         Some(told) => told.await.unwrap_or_else(|_| Err(Refusal::NotReady.to_string())),
         None => Err(Refusal::NotReady.to_string()),
     };

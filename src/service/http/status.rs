@@ -8,7 +8,7 @@ use super::ServedMachine;
 use super::openapi::views::{LiveValuesView, ParameterView, VerdictView};
 use super::results::NewestResult;
 use crate::run::Asked;
-use crate::service::machine_state::{Failure, MachineState, State};
+use crate::service::machine_state::{Failure, MachineState};
 use machine::record::estimate::{Parameter, Verdict};
 use machine::record::watch::LiveValues;
 
@@ -63,14 +63,10 @@ pub struct Question {
     pub live: Option<LiveValues>,
 }
 
-pub fn state(state: State) -> &'static str {
-    state.word()
-}
-
 impl MachineStatus {
     pub fn of(machine: &ServedMachine) -> Self {
         let MachineState {
-            state: now,
+            state,
             progress_percent,
             verdict,
             cycle,
@@ -85,16 +81,18 @@ impl MachineStatus {
             elsewhere,
             asked,
             live,
+            newest,
             ..
         } = machine.gate.machine_state();
+        let now = Timestamp::now();
         let cycles = machine.cycles.iter();
         let cycles = cycles.map(|c| Startable { number: c.number, method: c.method.clone() });
         Self {
             name: machine.name.clone(),
-            state: state(now),
-            late: machine.gate.heartbeat().is_late(),
-            result: machine.last.at(Timestamp::now()).map(|(told, _)| told),
-            not_identified: machine.last.not_identified().map(|run| run.0),
+            state: state.word(),
+            late: machine.gate.is_progress_late(),
+            result: NewestResult::of(&newest, machine.verdict_validity, now),
+            not_identified: newest.not_identified.map(|run| run.0),
             verdict,
             cycle,
             run,

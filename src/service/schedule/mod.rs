@@ -48,7 +48,7 @@ pub fn start(
     log: &Log,
 ) -> Result<(), ServeError> {
     let (due_requests, todo) = channel();
-    gate.schedule_state().set_due_requests(due_requests);
+    gate.set_due_requests(due_requests);
     let (machine, entries, demand) = (machine.to_owned(), entries.to_vec(), demand.to_vec());
     let (gate, journal, log) = (gate.clone(), Arc::clone(journal), log.clone());
     let (begun, begins) = channel();

@@ -264,7 +264,7 @@ impl Scheduler {
 
     /// Reads the machine's current readiness, and disarms all cycles when the machine is held or a cycle has failed.
     fn read_readiness(&mut self, now_s: f64) {
-        self.readiness = self.gate.schedule_state().combined_readiness();
+        self.readiness = self.gate.combined_readiness();
         let state = self.gate.machine_state().state;
         let rests =
             state != State::Running && self.readiness.is_some_and(|readiness| readiness.idle);
@@ -306,7 +306,7 @@ impl Scheduler {
         });
         let all = self.tracks.iter().map(|track| of_entry(&track.entry, now)).zip(waiting_slot);
         let all = all.map(|(planned, waiting)| Planned { waiting, ..planned });
-        self.gate.schedule_state().set_planned(all.collect());
+        self.gate.update(|machine_state| machine_state.planned = all.collect());
     }
 }
 

@@ -10,8 +10,7 @@ use super::scheduler::Scheduler;
 use super::*;
 use crate::run::Rehearsed;
 use crate::service::config::Config;
-use crate::service::machine_state::{Interlocks, Refusal, State};
-use crate::service::metrics::Metrics;
+use crate::service::machine_state::{CycleEnd, Interlocks, Refusal, State};
 use crate::service::schedule_state::{Planned, Readiness};
 use crate::service::worker_command::WorkerCommand;
 use crate::store::{Arming, Outcome};
@@ -67,11 +66,11 @@ fn open(folder: tempfile::TempDir, since: Option<&str>) -> Bench {
         journal.schedules(MACHINE, known, at(since)).wait().unwrap();
     }
     let log: Log = Log::new(|_, _| {});
-    let (gate, asks) = CommandGate::new(&config(), log.clone(), Metrics::default().of(MACHINE));
+    let (gate, asks) = CommandGate::new(&config(), log.clone());
     gate.finish_command(State::Waiting);
     let readiness = Arc::new(Mutex::new(ready()));
     let source = Arc::clone(&readiness);
-    gate.schedule_state().add_readiness_source(move || *source.lock().unwrap());
+    gate.add_readiness_source(move || *source.lock().unwrap());
     let demand = config().demand;
     let scheduler =
         Scheduler::begin(MACHINE, (&entries(), &demand), &gate, &journal, &log).unwrap();
@@ -135,7 +134,7 @@ impl Bench {
     }
 
     fn planned(&self) -> Planned {
-        self.gate.schedule_state().planned().remove(0)
+        self.gate.machine_state().planned.remove(0)
     }
 }
 
@@ -149,7 +148,7 @@ fn what_is_due_and_armed_and_ready_starts_once() {
     bench.looks("2026-11-23T04:30:30Z", 10);
     assert_eq!(bench.starts(), 0);
     // The cycle failed before it had a run: nothing starts until it is armed again.
-    bench.gate.ended(State::Failed, None);
+    bench.gate.record_end(CycleEnd::in_state(State::Failed));
     bench.looks("2026-11-23T04:36:00Z", 1);
     bench.one("23T04:30", Outcome::Failed, "before it had a run");
     bench.gate.finish_command(State::Waiting);
@@ -222,7 +221,7 @@ fn a_manual_run_is_waited_for() {
     bench.looks("2026-11-23T04:20:00Z", 40);
     assert_eq!(bench.starts(), 0);
     assert!(bench.planned().waiting.unwrap().contains("a run is on"));
-    bench.gate.ended(State::Waiting, None);
+    bench.gate.record_end(CycleEnd::in_state(State::Waiting));
     bench.looks("2026-11-23T04:40:00Z", 6);
     assert_eq!(bench.starts(), 1, "two minutes after its end");
     bench.one("23T04:30", Outcome::Started, "");
@@ -234,7 +233,7 @@ fn a_clock_that_is_set_back_in_mid_run_starts_nothing_twice() {
     bench.looks("2026-11-23T04:20:00Z", 24);
     assert_eq!(bench.starts(), 1);
     bench.looks("2026-11-23T04:10:00Z", 30);
-    bench.gate.ended(State::Waiting, None);
+    bench.gate.record_end(CycleEnd::in_state(State::Waiting));
     bench.looks("2026-11-23T04:25:00.4Z", 30);
     assert_eq!(bench.starts(), 0);
     bench.one("23T04:30", Outcome::Failed, "before it had a run");
@@ -299,7 +298,7 @@ fn a_call_is_judged_alike_and_counts_once() {
     assert!(refused.contains("idle for 1 of 2"), "{refused}");
     assert_eq!(call(&mut bench, "2026-11-23T04:01:00.7Z"), Ok(()));
     assert_eq!(bench.starts(), 1);
-    bench.gate.ended(State::Waiting, None);
+    bench.gate.record_end(CycleEnd::in_state(State::Waiting));
     bench.arm("2026-11-22T12:00:00Z");
     // The clock is set back, and the timer expires again.
     for now in ["2026-11-23T03:50:00Z", "2026-11-23T04:00:59Z", "2026-11-23T04:05:59Z"] {

@@ -92,7 +92,7 @@ fn answer(
                 // The first `TELL` makes the line a source of readiness; a line that sends only commands is not one.
                 if last.replace((Instant::now(), now)).is_none() {
                     let told = Arc::clone(told);
-                    gate.schedule_state().add_readiness_source(move || fresh(&told));
+                    gate.add_readiness_source(move || fresh(&told));
                 }
                 "OK".to_owned()
             }

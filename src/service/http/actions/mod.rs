@@ -108,11 +108,7 @@ async fn start(
 fn said(machine: &ServedMachine) -> Interlocks {
     let vouched =
         Interlocks { fresh: true, enable: true, auto: true, door: true, stop: false, person: true };
-    machine
-        .gate
-        .schedule_state()
-        .fresh_interlocks()
-        .map_or(vouched, |said| Interlocks { person: true, ..said })
+    machine.gate.fresh_interlocks().map_or(vouched, |said| Interlocks { person: true, ..said })
 }
 
 fn vouched(machine: &ServedMachine, asked: &Start) -> Result<(), Problem> {

@@ -41,7 +41,7 @@ fn values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> 
     let standing = standing(machine);
     let (all, (runs, waits)) = (history(journal, name, tolerance)?, newest(journal, name)?);
     let views = views::of_run(journal, RunId(gate.machine_state().run.into()))?;
-    machine.last.look(journal, name)?;
+    gate.query_newest(journal, name)?;
     Ok(context! {
         machine => standing,
         views,
@@ -49,7 +49,7 @@ fn values(journal: &Journal, machine: &ServedMachine) -> Result<Value, Problem> 
         vouch => machine.demand.iter().map(vouch).collect::<Vec<_>>(),
         trends => all.chunk_by(|one, other| one.method == other.method).map(trends::of_method).collect::<Vec<_>>(),
         runs,
-        schedule => schedule::panel(&agenda(journal, gate.schedule_state(), name)?),
+        schedule => schedule::panel(&agenda(journal, gate.machine_state().planned, name)?),
     })
 }
 
@@ -65,7 +65,7 @@ pub async fn live(
     let make = async {
         let machine = machine.clone();
         let made = read_journal(&web, move |journal| {
-            machine.last.look(journal, &machine.name)?;
+            machine.gate.query_newest(journal, &machine.name)?;
             let views = views::of_run(journal, RunId(machine.gate.machine_state().run.into()))?;
             render("live.html", context! { machine => standing(&machine), views })
         });
@@ -94,14 +94,15 @@ fn waiting(stored: &StoredRun) -> Value {
 }
 
 pub fn standing(machine: &ServedMachine) -> Value {
-    let (standing, now) = (MachineStatus::of(machine), Timestamp::now());
-    let (result, parameters) = machine.last.at(now).unzip();
+    let standing = MachineStatus::of(machine);
+    let result = standing.result.clone();
     let (class, glance) = glance(&standing, result.as_ref());
     // Values that no longer describe the machine are shown only with their run.
     let says =
         !matches!(class, "measuring" | "held") && result.as_ref().is_some_and(|r| !r.outdated);
-    let parameters = parameters.filter(|_| says).unwrap_or_default();
-    let parameters = parameters.iter().map(|p| {
+    let newest = machine.gate.machine_state().newest;
+    let parameters = newest.result.iter().filter(|_| says).flat_map(|newest| &newest.parameters);
+    let parameters = parameters.map(|p| {
         context! {
             symbol => p.symbol.as_str(),
             value => format!("{:.1}", p.value),
@@ -140,7 +141,7 @@ pub fn standing(machine: &ServedMachine) -> Value {
         address => address(&machine.name),
         parameters => parameters.collect::<Vec<_>>(),
         remaining => standing.remaining_s.map(minutes),
-        now => moment(now),
+        now => moment(Timestamp::now()),
     }
 }
 
@@ -194,17 +195,17 @@ mod tests {
 
     use super::*;
     use crate::service::command_gate::CommandGate;
-    use crate::service::http::Last;
     use crate::service::machine_state::State;
 
     /// The last state reported by a hung worker is not shown as the current one.
     #[test]
     fn without_a_sign_of_life_nothing_is_known() {
-        let ((gate, _asks), last) =
-            (CommandGate::for_tests(), Last::new(Duration::from_secs(3600)));
+        let ((gate, _asks), verdict_validity) =
+            (CommandGate::for_tests(), Duration::from_secs(3600));
         let (name, cycles, demand) = ("mill".to_owned(), Vec::new(), Vec::new());
         let (file_sha256, tolerance) = (String::new(), Vec::new());
-        let machine = ServedMachine { name, file_sha256, gate, cycles, demand, tolerance, last };
+        let machine =
+            ServedMachine { name, file_sha256, gate, cycles, demand, tolerance, verdict_validity };
         machine.gate.update(|machine_state| {
             (machine_state.state, machine_state.run, machine_state.measured) =
                 (State::Running, 3, 17);
@@ -217,7 +218,7 @@ mod tests {
         let (late, lives) = page();
         assert!(!late && lives.contains("touch 18") && lives.contains("time left"), "{lives}");
         assert!(lives.contains("not known yet") && !lives.contains("0:00"), "{lives}");
-        machine.gate.heartbeat().beat(Duration::ZERO);
+        machine.gate.report_progress(Duration::ZERO);
         std::thread::sleep(Duration::from_millis(1));
         let (late, hangs) = page();
         assert!(late && hangs.contains("unknown: the service hangs"), "{hangs}");

@@ -50,7 +50,7 @@ pub fn start(config: &Modbus, gate: &CommandGate, log: &Log) -> Result<(), Serve
     let inputs = Arc::new(Mutex::new(Inputs::new(fresh)));
     let shared = Arc::new(Shared { gate: gate.clone(), inputs, since: Instant::now() });
     let told = Arc::clone(&shared.inputs);
-    gate.schedule_state().add_readiness_source(move || {
+    gate.add_readiness_source(move || {
         told.lock().unwrap_or_else(PoisonError::into_inner).readiness(Instant::now())
     });
     let door = Door {
