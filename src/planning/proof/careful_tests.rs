@@ -31,8 +31,8 @@ fn until_it_is_confirmed_only_z_moves_below_its_upper_end_and_nothing_fast() {
     assert!(matches!(reason(&fast), Reason::Near { need, .. } if need >= MARGIN_MM));
 }
 
-/// 45 mm from the axis, 1500 mm/min are 31.8 × 57.3°/min, a little more than the brakes allow: 360°/s² are 283
-/// mm/s² there, v = 283·(√(0.3² + 2·4/283) − 0.3) = 12.6 mm/s.
+/// 45 mm from the axis, 360°/s² are 283 mm/s²: to stop within 4 mm after 0.3 s of delay, the speed is at most
+/// v = 283·(√(0.3² + 2·4/283) − 0.3) = 12.6 mm/s, or 963°/min.
 #[test]
 fn until_it_is_confirmed_axes_turn_slowly_one_by_one_at_the_upper_end_of_z() {
     let turning = plan(|plan| plan["machine"]["axes"]["C"]["acceleration_per_s2"] = 360.0.into());
